@@ -1,0 +1,1 @@
+//! Samples worlds, writes them as Parquet datasets and reads them back

@@ -1,0 +1,1 @@
+//! Servo sessions: deflection, quadratic program, tables, figures and the report

@@ -1,0 +1,1 @@
+//! Versioned, immutable checkpoints in a create-only store

@@ -1,0 +1,2 @@
+//! flowservo
+fn main(){}
