@@ -1,0 +1,154 @@
+//! A checkpoint on disk: a folder of plain files whose names mean the same on every system.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use crate::digest::Fingerprint;
+use crate::error::{Error, Result};
+
+/// One file of a checkpoint.
+#[derive(Debug)]
+pub(crate) struct CheckpointFile {
+    /// Path inside the checkpoint, its parts separated by `/`.
+    pub(crate) path: String,
+    /// Where it lies.
+    pub(crate) source: PathBuf,
+    /// What it holds.
+    pub(crate) content: Fingerprint,
+}
+
+/// Longest part of a path; common file systems take 255 bytes, the store appends a few.
+const PART_LIMIT: usize = 128;
+
+/// All files of the checkpoint in folder `root` and what they hold, sorted by path.
+pub(crate) fn read(root: &Path) -> Result<Vec<CheckpointFile>> {
+    list(root)?
+        .into_iter()
+        .map(|(path, source)| fingerprint(&source).map(|content| CheckpointFile { path, source, content }))
+        .collect()
+}
+
+/// Path in the checkpoint and place of all files in folder `root`, sorted by path. Links, empty folders, special files
+/// and names that some system would not take are refused: what is published must be delivered as it was.
+pub(crate) fn list(root: &Path) -> Result<Vec<(String, PathBuf)>> {
+    let mut found = Vec::new();
+    walk(root, "", &mut found)?;
+    found.sort();
+    let paths = found.iter().map(|(path, _)| path.as_str());
+    check_paths(paths).map_err(|reason| Error::Checkpoint { path: root.to_owned(), reason })?;
+    Ok(found)
+}
+
+/// What the file `source` holds.
+pub(crate) fn fingerprint(source: &Path) -> Result<Fingerprint> {
+    File::open(source).and_then(Fingerprint::of).map_err(Error::io("read", source))
+}
+
+fn walk(folder: &Path, prefix: &str, found: &mut Vec<(String, PathBuf)>) -> Result<()> {
+    let before = found.len();
+    for entry in fs::read_dir(folder).map_err(Error::io("read the folder", folder))? {
+        let entry = entry.map_err(Error::io("read the folder", folder))?;
+        let source = entry.path();
+        let refuse = |reason: &str| Error::Checkpoint { path: source.clone(), reason: reason.to_owned() };
+        let name =
+            entry.file_name().into_string().map_err(|_| refuse("the name is not Unicode; rename it"))?;
+        let path = format!("{prefix}{name}");
+        let kind = entry.file_type().map_err(Error::io("read", &source))?;
+        if kind.is_dir() {
+            walk(&source, &format!("{path}/"), found)?;
+        } else if kind.is_file() {
+            found.push((path, source));
+        } else {
+            return Err(refuse("a checkpoint holds plain files and folders only, no links; put a copy here"));
+        }
+    }
+    if found.len() == before {
+        let reason = "the folder is empty; a checkpoint needs a file in each folder".to_owned();
+        return Err(Error::Checkpoint { path: folder.to_owned(), reason });
+    }
+    Ok(())
+}
+
+/// Checks that the paths stay inside the checkpoint and name different files on every file system.
+pub(crate) fn check_paths<'a>(paths: impl Iterator<Item = &'a str>) -> std::result::Result<(), String> {
+    let mut seen = BTreeSet::new();
+    for path in paths {
+        if !path.split('/').all(is_safe_part) {
+            return Err(format!(
+                "`{path}` cannot be a file of a checkpoint: use 1 to {PART_LIMIT} letters, digits, `.`, `-` and `_` for \
+                 each name, with no `.` at the beginning or end"
+            ));
+        }
+        if !seen.insert(path.to_ascii_lowercase()) {
+            return Err(format!(
+                "`{path}` differs from another file in upper and lower case only; rename one"
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn is_safe_part(part: &str) -> bool {
+    (1..=PART_LIMIT).contains(&part.len())
+        && part.bytes().all(|c| c.is_ascii_alphanumeric() || matches!(c, b'.' | b'-' | b'_'))
+        && !part.starts_with('.')
+        && !part.ends_with('.')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::digest::Digest;
+
+    #[test]
+    fn files_are_sorted_and_fingerprinted() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("state")).unwrap();
+        fs::write(folder.path().join("weights.safetensors"), b"abc").unwrap();
+        fs::write(folder.path().join("state/step.json"), b"7").unwrap();
+        let files = read(folder.path()).unwrap();
+        let paths: Vec<_> = files.iter().map(|file| file.path.as_str()).collect();
+        assert_eq!(paths, ["state/step.json", "weights.safetensors"]);
+        assert_eq!(files[1].content, Fingerprint { digest: Digest::of(b"abc"), size: 3 });
+    }
+
+    #[test]
+    fn what_cannot_be_delivered_is_refused() {
+        type Spoil = fn(&Path);
+        let cases: [(&str, Spoil); 5] = [
+            ("empty", |_| {}),
+            ("empty", |root| fs::create_dir(root.join("empty")).unwrap()),
+            ("cannot be a file", |root| fs::write(root.join(".hidden"), b"").unwrap()),
+            ("cannot be a file", |root| fs::write(root.join("a b"), b"").unwrap()),
+            ("upper and lower case", |root| {
+                fs::write(root.join("a"), b"").unwrap();
+                fs::write(root.join("A"), b"").unwrap();
+            }),
+        ];
+        for (expected, spoil) in cases {
+            let folder = tempfile::tempdir().unwrap();
+            spoil(folder.path());
+            let message = read(folder.path()).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+        let missing = read(Path::new("no/such/checkpoint")).unwrap_err().to_string();
+        assert!(missing.contains("no/such/checkpoint"), "{missing}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("/etc/hostname", folder.path().join("config.json")).unwrap();
+        let message = read(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("config.json") && message.contains("no links"), "{message}");
+    }
+
+    #[test]
+    fn paths_cannot_leave_the_checkpoint() {
+        for bad in ["../x", "/x", "a//b", "a/../b", "a/.", "", "a\\b", "c:x", "a."] {
+            assert!(check_paths([bad].into_iter()).is_err(), "{bad}");
+        }
+    }
+}

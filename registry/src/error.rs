@@ -1,0 +1,147 @@
+//! Everything that can go wrong, told to the person who can mend it.
+
+use std::path::{Path, PathBuf};
+
+use crate::problem::Problem;
+
+/// Result of this crate.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Why the registry refused or failed. Nothing that was published before is ever changed by a failure.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A model name breaks the rule for names.
+    #[error(
+        "`{name}` is not a model name: use 1 to 64 lower-case letters, digits, `-` and `_`, beginning with a letter \
+         or digit"
+    )]
+    Name {
+        /// The name as given.
+        name: String,
+    },
+    /// A model reference cannot be read.
+    #[error(
+        "`{text}` is not a model reference: write `NAME`, `NAME@7` or `NAME@sha256:...` with all 64 digits"
+    )]
+    Reference {
+        /// The reference as given.
+        text: String,
+    },
+    /// A digest cannot be read.
+    #[error("`{text}` is not a digest: expected `sha256:` and 64 lower-case hexadecimal digits")]
+    Digest {
+        /// The digest as given.
+        text: String,
+    },
+    /// A file or folder of a checkpoint cannot be published.
+    #[error("{}: {reason}", path.display())]
+    Checkpoint {
+        /// The offending file or folder.
+        path: PathBuf,
+        /// What is wrong with it and what to do.
+        reason: String,
+    },
+    /// A metric is NaN or infinite, which JSON cannot hold.
+    #[error("metric `{name}` is {value}: only finite numbers can be published")]
+    Metric {
+        /// Name of the metric.
+        name: String,
+        /// Its value.
+        value: f64,
+    },
+    /// A version cannot be created.
+    #[error("cannot publish {model}: {reason}")]
+    Version {
+        /// `approach@3`.
+        model: String,
+        /// What stands against it and what to do.
+        reason: String,
+    },
+    /// There is no registry at this place.
+    #[error("{root}: no registry here (registry.json is missing); publishing a model creates one")]
+    NoRegistry {
+        /// Where it was looked for.
+        root: String,
+    },
+    /// A registry was to be created in a folder that holds other things.
+    #[error("{root}: holds `{found}` but no registry.json; choose an empty or a new folder for the registry")]
+    Occupied {
+        /// Where it was to be created.
+        root: String,
+        /// Something that was found there.
+        found: String,
+    },
+    /// `registry.json` cannot be understood.
+    #[error("{root}/registry.json: {reason}")]
+    Format {
+        /// Where the registry is.
+        root: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// No version of this model was ever published.
+    #[error("{root}: no model `{name}`; published are: {known}")]
+    NoModel {
+        /// Where the registry is.
+        root: String,
+        /// The name that was asked for.
+        name: String,
+        /// The names that exist, separated by commas.
+        known: String,
+    },
+    /// The model has no such version.
+    #[error("no version `{reference}`; the newest is {newest}")]
+    NoVersion {
+        /// The reference that was asked for.
+        reference: String,
+        /// `approach@7`.
+        newest: String,
+    },
+    /// The registry holds something else than what was published.
+    #[error("{0}; restore the registry from a copy, or publish the checkpoint again")]
+    Damaged(Box<Problem>),
+    /// The destination of a pull exists and holds something else.
+    #[error("{}: {reason}; {model} was not written. Choose a new folder", path.display())]
+    Destination {
+        /// The destination.
+        path: PathBuf,
+        /// The version that was asked for.
+        model: String,
+        /// Why it cannot be used.
+        reason: String,
+    },
+    /// A local file or folder could not be read or written.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// On which file or folder.
+        path: PathBuf,
+        /// What the system answered.
+        source: std::io::Error,
+    },
+    /// An object of the registry could not be read or written.
+    #[error("{place}: cannot {action}: {source}")]
+    Store {
+        /// What was tried.
+        action: &'static str,
+        /// The registry's place and the object's key in it.
+        place: String,
+        /// What the store answered.
+        source: object_store::Error,
+    },
+}
+
+impl Error {
+    /// An operation on a local file or folder that failed: for `map_err`.
+    pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        move |source| Self::Io { action, path: path.to_owned(), source }
+    }
+}
+
+impl From<Problem> for Error {
+    fn from(problem: Problem) -> Self {
+        Self::Damaged(Box::new(problem))
+    }
+}

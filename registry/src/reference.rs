@@ -1,0 +1,91 @@
+//! How people name a version: `approach`, `approach@3`, `approach@sha256:...`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::digest::Digest;
+use crate::error::{Error, Result};
+use crate::name::ModelName;
+
+/// A model and which of its versions.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ModelRef {
+    /// The model.
+    pub name: ModelName,
+    /// Which of its versions.
+    pub selector: Selector,
+}
+
+/// Which version of a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum Selector {
+    /// The one with the highest number, whichever that is when it is asked for.
+    Newest,
+    /// The one with this number, from 1.
+    Version(u64),
+    /// The one whose manifest has this digest.
+    Digest(Digest),
+}
+
+impl fmt::Display for ModelRef {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.selector {
+            Selector::Newest => write!(f, "{}", self.name),
+            Selector::Version(number) => write!(f, "{}@{number}", self.name),
+            Selector::Digest(digest) => write!(f, "{}@{digest}", self.name),
+        }
+    }
+}
+
+impl FromStr for ModelRef {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let Some((name, version)) = text.split_once('@') else {
+            return Ok(Self { name: text.parse()?, selector: Selector::Newest });
+        };
+        let selector = if let Ok(digest) = version.parse() {
+            Selector::Digest(digest)
+        } else {
+            let plain = version.bytes().all(|c| c.is_ascii_digit()) && !version.starts_with('0');
+            let number = version.parse().ok().filter(|_| plain);
+            Selector::Version(number.ok_or_else(|| Error::Reference { text: text.to_owned() })?)
+        };
+        Ok(Self { name: name.parse()?, selector })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn references() {
+        let digest = Digest::of(b"x");
+        let cases = [
+            ("approach".to_owned(), Selector::Newest),
+            ("approach@3".to_owned(), Selector::Version(3)),
+            (format!("approach@{digest}"), Selector::Digest(digest)),
+        ];
+        for (text, selector) in cases {
+            let reference: ModelRef = text.parse().unwrap();
+            assert_eq!((reference.name.as_str(), reference.selector), ("approach", selector));
+            assert_eq!(reference.to_string(), text);
+        }
+        for bad in [
+            "approach@",
+            "approach@0",
+            "approach@03",
+            "approach@+3",
+            "approach@v3",
+            "approach@1@2",
+            "@3",
+            "A@3",
+        ] {
+            assert!(bad.parse::<ModelRef>().is_err(), "{bad}");
+        }
+        let truncated = format!("approach@{}", &digest.to_string()[..20]);
+        assert!(truncated.parse::<ModelRef>().unwrap_err().to_string().contains("all 64 digits"));
+    }
+}

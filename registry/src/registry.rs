@@ -1,0 +1,285 @@
+//! A registry: opening it, listing what it holds, finding a version.
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+
+use object_store::local::LocalFileSystem;
+use serde::{Deserialize, Serialize};
+
+use crate::digest::Digest;
+use crate::error::{Error, Result};
+use crate::manifest::Manifest;
+use crate::name::ModelName;
+use crate::problem::{Fault, Problem};
+use crate::reference::{ModelRef, Selector};
+use crate::store::{DOCUMENT_LIMIT, LAST_VERSION, MODELS, Store, blob_key, version_key, versions_key};
+
+const MARKER: &str = "registry.json";
+const FORMAT: &str = "flowservo-registry";
+const FORMAT_VERSION: u32 = 1;
+
+/// Versioned, immutable checkpoints at one place. Several processes may use it at once.
+#[derive(Debug, Clone)]
+pub struct Registry {
+    pub(crate) store: Store,
+}
+
+/// A model and the numbers of its versions.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Model {
+    /// Its name.
+    pub name: ModelName,
+    /// The numbers of its versions, in rising order.
+    pub versions: Vec<u64>,
+}
+
+/// One published version, verified: its manifest is the one that was published.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct ModelVersion {
+    /// The model.
+    pub name: ModelName,
+    /// Number of the version, from 1.
+    pub version: u64,
+    /// Digest of the manifest: names this version in `NAME@sha256:...`.
+    pub digest: Digest,
+    /// Files, lineage and metrics.
+    pub manifest: Manifest,
+}
+
+impl fmt::Display for ModelVersion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}@{}", self.name, self.version)
+    }
+}
+
+/// Content of `registry.json`.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Marker {
+    format: String,
+    version: u32,
+}
+
+impl Registry {
+    /// Opens the registry in the folder `root`.
+    pub fn open(root: &Path) -> Result<Self> {
+        let place = root.display().to_string();
+        if !root.is_dir() {
+            return Err(Error::NoRegistry { root: place });
+        }
+        let registry = Self { store: local(root)? };
+        if registry.check_marker()? { Ok(registry) } else { Err(Error::NoRegistry { root: place }) }
+    }
+
+    /// Opens the registry in the folder `root`, or creates one there if the folder is new or empty. The file system must
+    /// have hard links: they make a version appear whole or not at all.
+    pub fn init(root: &Path) -> Result<Self> {
+        fs::create_dir_all(root).map_err(Error::io("create the folder", root))?;
+        Self::on(local(root)?)
+    }
+
+    /// Opens or creates a registry on `store`.
+    pub(crate) fn on(store: Store) -> Result<Self> {
+        let registry = Self { store };
+        let listing = registry.store.list("")?;
+        // Looked for after listing: another process creates the marker before anything else.
+        if registry.check_marker()? {
+            return Ok(registry);
+        }
+        if let Some(found) = listing.folders.into_iter().chain(listing.objects).next() {
+            return Err(Error::Occupied { root: registry.store.root().to_owned(), found });
+        }
+        let marker = format!("{{\"format\":\"{FORMAT}\",\"version\":{FORMAT_VERSION}}}\n");
+        registry.store.create(MARKER, marker.into_bytes())?;
+        registry.check_marker()?;
+        Ok(registry)
+    }
+
+    /// Whether this is a registry; an error if it is one of another format.
+    fn check_marker(&self) -> Result<bool> {
+        let Some(bytes) = self.store.read(MARKER)? else { return Ok(false) };
+        let refuse = |reason| Error::Format { root: self.store.root().to_owned(), reason };
+        let marker: Marker = serde_json::from_slice(&bytes).map_err(|error| refuse(error.to_string()))?;
+        if marker == (Marker { format: FORMAT.into(), version: FORMAT_VERSION }) {
+            return Ok(true);
+        }
+        Err(refuse(format!(
+            "format is `{}` version {}, this program reads `{FORMAT}` version {FORMAT_VERSION}; use the program that \
+             wrote it",
+            marker.format, marker.version
+        )))
+    }
+
+    /// All models and their version numbers, sorted by name. Reads no manifest: [`Registry::show`] does, one by one.
+    pub fn list(&self) -> Result<Vec<Model>> {
+        let mut models = Vec::new();
+        for name in self.store.list(MODELS)?.folders.into_iter().filter_map(|name| name.parse().ok()) {
+            let versions = self.versions(&name)?;
+            if !versions.is_empty() {
+                models.push(Model { name, versions });
+            }
+        }
+        Ok(models)
+    }
+
+    /// The numbers of the versions of `name`, in rising order; none if there is no such model.
+    pub(crate) fn versions(&self, name: &ModelName) -> Result<Vec<u64>> {
+        let objects = self.store.list(&versions_key(name))?.objects;
+        let mut versions: Vec<_> = objects.iter().filter_map(|object| version_number(object)).collect();
+        versions.sort_unstable();
+        Ok(versions)
+    }
+
+    /// The version that `reference` names, with its manifest verified; its files are not read.
+    pub fn show(&self, reference: &ModelRef) -> Result<ModelVersion> {
+        self.load(&reference.name, self.find(reference)?)
+    }
+
+    /// Number of the version that `reference` names.
+    pub(crate) fn find(&self, reference: &ModelRef) -> Result<u64> {
+        let name = &reference.name;
+        let versions = self.versions(name)?;
+        let Some(&newest) = versions.last() else { return Err(self.no_model(name)?) };
+        let found = match reference.selector {
+            Selector::Newest => Some(newest),
+            Selector::Version(number) => versions.binary_search(&number).is_ok().then_some(number),
+            Selector::Digest(digest) => {
+                let mut found = None;
+                for &number in &versions {
+                    let bytes = self.store.read(&version_key(name, number))?;
+                    if bytes.is_some_and(|bytes| Digest::of(&bytes) == digest) {
+                        found = Some(number);
+                        break;
+                    }
+                }
+                found
+            }
+        };
+        let newest = format!("{name}@{newest}");
+        found.ok_or_else(|| Error::NoVersion { reference: reference.to_string(), newest })
+    }
+
+    fn no_model(&self, name: &ModelName) -> Result<Error> {
+        let models = self.list()?;
+        let known = models.iter().map(|model| model.name.as_str()).collect::<Vec<_>>().join(", ");
+        let known = if known.is_empty() { "none".to_owned() } else { known };
+        Ok(Error::NoModel { root: self.store.root().to_owned(), name: name.to_string(), known })
+    }
+
+    /// Version `number` of `name`; [`Error::Damaged`] if its manifest is not the one that was published.
+    pub(crate) fn load(&self, name: &ModelName, number: u64) -> Result<ModelVersion> {
+        let key = version_key(name, number);
+        let problem = |object: String, fault| Problem {
+            model: Some(format!("{name}@{number}")),
+            file: None,
+            object,
+            fault,
+        };
+        let Some(bytes) = self.store.read(&key)? else { return Err(problem(key, Fault::Missing).into()) };
+        if bytes.len() as u64 > DOCUMENT_LIMIT {
+            let reason = format!("it has more than {DOCUMENT_LIMIT} bytes");
+            return Err(problem(key, Fault::Malformed { reason }).into());
+        }
+        let digest = Digest::of(&bytes);
+        match self.store.inspect_blob(digest)? {
+            None => return Err(problem(key, Fault::Altered { digest }).into()),
+            Some(found) if found.digest != digest => {
+                let fault = Fault::Digest { expected: digest, found: found.digest };
+                return Err(problem(blob_key(digest), fault).into());
+            }
+            Some(_) => {}
+        }
+        let manifest = Manifest::parse(&bytes, name, number)
+            .map_err(|reason| problem(key, Fault::Malformed { reason }))?;
+        Ok(ModelVersion { name: name.clone(), version: number, digest, manifest })
+    }
+}
+
+fn local(root: &Path) -> Result<Store> {
+    let place = root.display().to_string();
+    let objects = LocalFileSystem::new_with_prefix(root).map_err(|source| Error::Store {
+        action: "open the folder",
+        place: place.clone(),
+        source,
+    })?;
+    Ok(Store::new(Arc::new(objects.with_fsync(true)), place))
+}
+
+/// Number in the name of a numbered manifest, `000007.json`.
+pub(crate) fn version_number(object: &str) -> Option<u64> {
+    let number = object.strip_suffix(".json")?.parse().ok()?;
+    ((1..=LAST_VERSION).contains(&number) && object == format!("{number:06}.json")).then_some(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture::Place;
+
+    #[test]
+    fn finds_versions_by_number_digest_and_age() {
+        for place in Place::all() {
+            let registry = place.registry();
+            let first = place.publish(&registry, "approach", b"one");
+            let second = place.publish(&registry, "approach", b"two");
+            place.publish(&registry, "avoid", b"one");
+            let show = |text: &str| registry.show(&text.parse().unwrap());
+            assert_eq!(show("approach@1").unwrap(), first);
+            assert_eq!(show("approach").unwrap(), second);
+            assert_eq!(show(&format!("approach@{}", first.digest)).unwrap(), first);
+            let listed: Vec<_> = registry
+                .list()
+                .unwrap()
+                .into_iter()
+                .map(|model| (model.name.to_string(), model.versions))
+                .collect();
+            assert_eq!(listed, [("approach".into(), vec![1, 2]), ("avoid".into(), vec![1])]);
+
+            let missing = show("approach@3").unwrap_err().to_string();
+            assert!(
+                missing.contains("`approach@3`") && missing.contains("newest is approach@2"),
+                "{missing}"
+            );
+            let other = show(&format!("avoid@{}", first.digest)).unwrap_err();
+            assert!(matches!(other, Error::NoVersion { .. }));
+            let unknown = show("aproach").unwrap_err().to_string();
+            assert!(unknown.contains("published are: approach, avoid"), "{unknown}");
+        }
+    }
+
+    #[test]
+    fn opens_registries_only() {
+        let place = Place::local();
+        let root = place.path("registry");
+        assert!(matches!(Registry::open(&root), Err(Error::NoRegistry { .. })));
+        Registry::init(&root).unwrap();
+        Registry::init(&root).unwrap();
+        assert!(Registry::open(&root).unwrap().list().unwrap().is_empty());
+
+        fs::write(root.join(MARKER), r#"{"format":"flowservo-registry","version":2}"#).unwrap();
+        let newer = Registry::open(&root).unwrap_err().to_string();
+        assert!(newer.contains("registry.json") && newer.contains("version 2"), "{newer}");
+
+        let occupied = place.checkpoint("runs", b"w");
+        assert!(matches!(Registry::init(&occupied), Err(Error::Occupied { .. })));
+        assert!(!occupied.join(MARKER).exists());
+    }
+
+    #[test]
+    fn numbers_of_manifests() {
+        assert_eq!(version_number("000007.json"), Some(7));
+        for stray in [
+            "7.json",
+            "000000.json",
+            "+00007.json",
+            "000007.json.bak",
+            "x.json",
+            "0000007.json",
+            "1234567.json",
+        ] {
+            assert_eq!(version_number(stray), None, "{stray}");
+        }
+    }
+}

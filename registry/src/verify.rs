@@ -1,0 +1,251 @@
+//! Verification: everything that a version needs is there and is what was published.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::digest::{Digest, Fingerprint};
+use crate::error::{Error, Result};
+use crate::manifest::Descriptor;
+use crate::name::ModelName;
+use crate::problem::{Fault, Problem};
+use crate::reference::ModelRef;
+use crate::registry::{Registry, version_number};
+use crate::store::{MODELS, blob_key, version_key, versions_key};
+
+/// What verification found.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
+pub struct Verification {
+    /// How many versions were verified.
+    pub versions: usize,
+    /// How many different blobs of theirs were read.
+    pub blobs: usize,
+    /// What is wrong, by model, version and file; empty if all is well.
+    pub problems: Vec<Problem>,
+}
+
+impl Registry {
+    /// Reads every byte of the version that `reference` names, or of all versions, and says what is not as published. A
+    /// number that is missing below the newest is a problem too: versions are never removed.
+    ///
+    /// Blobs that no version names are no problem: an interrupted publication leaves them.
+    pub fn verify(&self, reference: Option<&ModelRef>) -> Result<Verification> {
+        let mut run = Run { registry: self, stored: BTreeMap::new(), result: Verification::default() };
+        match reference {
+            Some(reference) => run.version(&reference.name, self.find(reference)?),
+            None => run.everything()?,
+        }
+        run.result.blobs = run.stored.len();
+        Ok(run.result)
+    }
+}
+
+/// A verification in progress.
+struct Run<'a> {
+    registry: &'a Registry,
+    /// What the blobs hold that were read already: versions share blobs. The error is the reason why one cannot be read.
+    stored: BTreeMap<Digest, std::result::Result<Option<Fingerprint>, String>>,
+    result: Verification,
+}
+
+impl Run<'_> {
+    fn everything(&mut self) -> Result<()> {
+        let models = self.registry.store.list(MODELS)?;
+        for object in models.objects {
+            self.stray(format!("{MODELS}/{object}"));
+        }
+        for folder in models.folders {
+            match folder.parse::<ModelName>() {
+                Ok(name) => self.model(&name)?,
+                Err(_) => self.stray(format!("{MODELS}/{folder}")),
+            }
+        }
+        Ok(())
+    }
+
+    fn model(&mut self, name: &ModelName) -> Result<()> {
+        let objects = self.registry.store.list(&versions_key(name))?.objects;
+        for object in objects.iter().filter(|object| version_number(object).is_none()) {
+            self.stray(format!("{}/{object}", versions_key(name)));
+        }
+        let newest = objects.iter().filter_map(|object| version_number(object)).max().unwrap_or(0);
+        for number in 1..=newest {
+            self.version(name, number);
+        }
+        Ok(())
+    }
+
+    fn version(&mut self, name: &ModelName, number: u64) {
+        self.result.versions += 1;
+        match self.registry.load(name, number) {
+            Ok(version) => {
+                self.blob(&version.to_string(), &version.manifest.config);
+                for layer in &version.manifest.layers {
+                    self.blob(&version.to_string(), layer);
+                }
+            }
+            Err(Error::Damaged(problem)) => self.result.problems.push(*problem),
+            Err(error) => {
+                let (model, object) = (Some(format!("{name}@{number}")), version_key(name, number));
+                let fault = Fault::Unreadable { reason: error.to_string() };
+                self.result.problems.push(Problem { model, file: None, object, fault });
+            }
+        }
+    }
+
+    fn blob(&mut self, model: &str, descriptor: &Descriptor) {
+        let digest = descriptor.digest;
+        let stored = self
+            .stored
+            .entry(digest)
+            .or_insert_with(|| self.registry.store.inspect_blob(digest).map_err(|error| error.to_string()));
+        let fault = match stored {
+            Ok(found) => Fault::of_blob(descriptor.content(), *found),
+            Err(reason) => Some(Fault::Unreadable { reason: reason.clone() }),
+        };
+        if let Some(fault) = fault {
+            let (model, file) = (Some(model.to_owned()), descriptor.path().map(str::to_owned));
+            self.result.problems.push(Problem { model, file, object: blob_key(digest), fault });
+        }
+    }
+
+    fn stray(&mut self, object: String) {
+        self.result.problems.push(Problem { model: None, file: None, object, fault: Fault::Stray });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::fixture::{Place, flip};
+    use crate::registry::ModelVersion;
+
+    /// A registry with two versions of `approach` that share all blobs but the weights, the second one returned.
+    fn two_versions(place: &Place) -> (Registry, ModelVersion) {
+        let registry = place.registry();
+        place.publish(&registry, "approach", b"weights one");
+        let second = place.publish(&registry, "approach", b"weights two");
+        (registry, second)
+    }
+
+    fn weights(version: &ModelVersion) -> String {
+        blob_key(version.manifest.layers[2].digest)
+    }
+
+    #[test]
+    fn an_intact_registry_has_no_problems() {
+        for place in Place::all() {
+            let (registry, _) = two_versions(&place);
+            // Two configurations and weights; config.toml and state/step.json are shared.
+            let expected = Verification { versions: 2, blobs: 6, problems: vec![] };
+            assert_eq!(registry.verify(None).unwrap(), expected);
+            let one = registry.verify(Some(&"approach@1".parse().unwrap())).unwrap();
+            assert_eq!((one.versions, one.blobs, one.problems.len()), (1, 4, 0));
+            assert!(registry.verify(Some(&"avoid".parse().unwrap())).is_err());
+        }
+    }
+
+    #[test]
+    fn damaged_blobs_are_found_and_named() {
+        type Damage = fn(&std::path::Path, &str);
+        type Expected = fn(&Fault) -> bool;
+        let cases: [(Damage, Expected); 3] = [
+            (flip, |fault| matches!(fault, Fault::Digest { .. })),
+            (
+                |root, key| {
+                    fs::OpenOptions::new().write(true).open(root.join(key)).unwrap().set_len(7).unwrap();
+                },
+                |fault| matches!(fault, Fault::Size { expected: 11, found: 7 }),
+            ),
+            (|root, key| fs::remove_file(root.join(key)).unwrap(), |fault| matches!(fault, Fault::Missing)),
+        ];
+        for (damage, expected) in cases {
+            let place = Place::local();
+            let (registry, second) = two_versions(&place);
+            damage(&place.path("registry"), &weights(&second));
+            let problems = registry.verify(None).unwrap().problems;
+            assert_eq!(problems.len(), 1, "{problems:?}");
+            assert_eq!(problems[0].model.as_deref(), Some("approach@2"));
+            assert_eq!(problems[0].file.as_deref(), Some("weights.safetensors"));
+            assert!(expected(&problems[0].fault), "{}", problems[0]);
+            assert!(registry.verify(Some(&"approach@1".parse().unwrap())).unwrap().problems.is_empty());
+            let destination = place.path("pulled");
+            assert!(registry.pull(&"approach@2".parse().unwrap(), &destination).is_err());
+            assert!(!destination.exists());
+        }
+    }
+
+    /// Wherever the bit is: in a digest, a metric or a space.
+    #[test]
+    fn a_flipped_bit_in_a_manifest_is_found() {
+        let place = Place::local();
+        let (registry, second) = two_versions(&place);
+        let path = place.path("registry").join(version_key(&second.name, 2));
+        let intact = fs::read(&path).unwrap();
+        for position in (0..intact.len()).step_by(11) {
+            let mut damaged = intact.clone();
+            damaged[position] ^= 4;
+            fs::write(&path, damaged).unwrap();
+            let fault = registry.load(&second.name, 2).unwrap_err();
+            assert!(
+                matches!(fault, Error::Damaged(problem) if matches!(problem.fault, Fault::Altered { .. }))
+            );
+        }
+        let problems = registry.verify(None).unwrap().problems;
+        assert_eq!(problems.len(), 1);
+        assert_eq!(problems[0].object, "models/approach/versions/000002.json");
+        assert!(registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).is_err());
+        assert!(!place.path("pulled").exists());
+        fs::write(&path, intact).unwrap();
+        flip(&place.path("registry"), &blob_key(second.digest));
+        assert_eq!(registry.verify(None).unwrap().problems[0].object, blob_key(second.digest));
+    }
+
+    /// A manifest that is stored correctly but lies about a size.
+    #[test]
+    fn a_lying_manifest_is_found() {
+        for place in Place::all() {
+            let (registry, second) = two_versions(&place);
+            let mut lying = second.manifest;
+            lying.set_version(3);
+            lying.layers[2].size += 1;
+            let bytes = lying.to_bytes().unwrap();
+            registry.store.put_blob(Digest::of(&bytes), bytes.clone()).unwrap();
+            registry.store.create(&version_key(&second.name, 3), bytes).unwrap();
+            let problems = registry.verify(None).unwrap().problems;
+            assert_eq!(problems.len(), 1);
+            assert_eq!(problems[0].fault, Fault::Size { expected: 12, found: 11 });
+            assert!(registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).is_err());
+            assert!(!place.path("pulled").exists());
+        }
+    }
+
+    #[test]
+    fn strays_gaps_and_misfiled_manifests_are_found() {
+        let place = Place::local();
+        let (registry, _) = two_versions(&place);
+        let versions = place.path("registry/models/approach/versions");
+        fs::copy(versions.join("000001.json"), versions.join("000004.json")).unwrap();
+        fs::write(versions.join("latest.json"), "1").unwrap();
+        fs::write(place.path("registry/models/notes.txt"), "").unwrap();
+        fs::create_dir(place.path("registry/models/My Models")).unwrap();
+        let found: Vec<_> =
+            registry.verify(None).unwrap().problems.into_iter().map(|p| (p.object, p.fault)).collect();
+        let manifest = |number| version_key(&"approach".parse().unwrap(), number);
+        assert_eq!(found.len(), 5);
+        assert_eq!(found[0], ("models/notes.txt".into(), Fault::Stray));
+        assert!(found[1].0.starts_with("models/My"));
+        assert_eq!(
+            found[2],
+            (format!("{}/latest.json", versions_key(&"approach".parse().unwrap())), Fault::Stray)
+        );
+        assert_eq!(found[3], (manifest(3), Fault::Missing));
+        assert!(
+            matches!(&found[4].1, Fault::Malformed { reason } if reason.contains("version")),
+            "{found:?}"
+        );
+    }
+}
