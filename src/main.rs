@@ -1,2 +1,28 @@
-//! flowservo
-fn main(){}
+//! `flowservo`: the one place that prints, knows devices and terminals, and wires the crates together.
+
+#![forbid(unsafe_code)]
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+// Burn's wgpu types nest deeper than the default allows.
+#![recursion_limit = "256"]
+
+mod cli;
+mod commands;
+mod config;
+mod device;
+mod progress;
+mod stop;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = cli::Cli::parse();
+    match commands::run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            let usage = error.chain().any(|cause| cause.is::<config::BadInput>());
+            ExitCode::from(if usage { 2 } else { 1 })
+        }
+    }
+}

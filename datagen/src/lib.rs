@@ -1,1 +1,49 @@
-//! Samples worlds, writes them as Parquet datasets and reads them back
+//! Datasets: samples worlds, writes them as Parquet and reads them back (paper, Sections 6.2 and 6.3).
+//!
+//! One example is drawn from one random stream: motion, target, hand poses and obstacles, again until the arm reaches the
+//! poses, the hand touches nothing and the camera sees the target ([`placement`]). It is rendered and labeled
+//! ([`example`]), becomes a row ([`schema`]), and rows become files that are published by rename ([`mod@generate`]).
+//!
+//! **Invariant:** example `i` is a pure function of (configuration, seed, `i`), so files have the same bytes at any number of
+//! threads, and any row can be made again alone.
+//!
+//! **Invariant:** a folder with `dataset.json` is complete; it is written last, and names the digest of every file.
+//!
+//! ```text
+//! OUT/data/train-00000-of-00010.parquet   rows, openable by any Parquet reader
+//! OUT/README.md                           the card, with what Hugging Face needs
+//! OUT/dataset.json                        configuration, digests
+//! OUT/shards/                             digests of finished files, while the dataset is incomplete
+//! ```
+
+#![forbid(unsafe_code)]
+
+pub mod card;
+pub mod config;
+pub mod error;
+pub mod example;
+pub mod features;
+pub mod generate;
+pub mod info;
+pub mod placement;
+pub mod png;
+pub mod progress;
+pub mod publish;
+pub mod range;
+pub mod reader;
+pub mod rejection;
+pub mod row;
+pub mod schema;
+pub mod shard;
+#[cfg(test)]
+mod tiny;
+
+pub use config::{DatasetConfig, Kind};
+pub use error::{Error, Result};
+pub use example::{Collector, Example};
+pub use generate::{Summary, generate};
+pub use info::DatasetInfo;
+pub use placement::{Placement, Sampler};
+pub use progress::{Options, Progress};
+pub use reader::DatasetReader;
+pub use row::{ApproachRow, AvoidanceRow, SceneRow};

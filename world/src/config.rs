@@ -112,34 +112,39 @@ impl WorldConfig {
     /// Refuses values that make no world; names the key.
     pub fn validate(&self) -> Result<()> {
         let CameraConfig { width, height, horizontal_fov_deg: fov, behind_hand_mm: behind } = self.camera;
-        require("camera.width", (8..=8192).contains(&width), width, "8 to 8192 pixels")?;
-        require("camera.height", (8..=8192).contains(&height), height, "8 to 8192 pixels")?;
-        require("camera.horizontal_fov_deg", fov > 1.0 && fov < 170.0, fov, "more than 1 and less than 170")?;
-        require("camera.behind_hand_mm", (0.0..=1000.0).contains(&behind), behind, "0 to 1000")?;
+        require("camera.width", (8..=8192).contains(&width), &width, "8 to 8192 pixels")?;
+        require("camera.height", (8..=8192).contains(&height), &height, "8 to 8192 pixels")?;
+        require(
+            "camera.horizontal_fov_deg",
+            fov > 1.0 && fov < 170.0,
+            &fov,
+            "more than 1 and less than 170",
+        )?;
+        require("camera.behind_hand_mm", (0.0..=1000.0).contains(&behind), &behind, "0 to 1000")?;
         for (key, side) in ["table.size_mm[0]", "table.size_mm[1]"].into_iter().zip(self.table.size_mm) {
-            require(key, side > 0.0, side, "more than 0")?;
+            require(key, side > 0.0, &side, "more than 0")?;
         }
         let light = self.light.towards_light;
         let above = light.iter().all(|c| c.is_finite()) && light[2] > 0.0;
-        require("light.towards_light", above, format!("{light:?}"), "a direction with z above 0")?;
-        require("light.ambient", (0.0..=1.0).contains(&self.light.ambient), self.light.ambient, "0 to 1")?;
+        require("light.towards_light", above, &format!("{light:?}"), "a direction with z above 0")?;
+        require("light.ambient", (0.0..=1.0).contains(&self.light.ambient), &self.light.ambient, "0 to 1")?;
         self.validate_colors()?;
         let cross = self.colors.cross_width;
-        require("colors.cross_width", cross > 0.0 && cross < 1.0, cross, "more than 0 and less than 1")?;
+        require("colors.cross_width", cross > 0.0 && cross < 1.0, &cross, "more than 0 and less than 1")?;
         let [_, palm_y, palm_z] = self.hand.palm_mm;
         let [_, finger_y, finger_z] = self.hand.finger_mm;
         let sides = self.hand.palm_mm.into_iter().chain(self.hand.finger_mm);
         for side in sides {
-            require("hand.palm_mm, hand.finger_mm", side > 0.0, side, "sides of more than 0")?;
+            require("hand.palm_mm, hand.finger_mm", side > 0.0, &side, "sides of more than 0")?;
         }
-        require("hand.palm_mm", palm_z < 500.0 && finger_z < 500.0, palm_z, "a hand of less than 500 mm")?;
+        require("hand.palm_mm", palm_z < 500.0 && finger_z < 500.0, &palm_z, "a hand of less than 500 mm")?;
         let reach = self.hand.opening_mm + 2.0 * finger_y;
         let fits = self.hand.opening_mm > 0.0 && reach <= palm_y + 1e-9;
-        require("hand.opening_mm", fits, self.hand.opening_mm, "fingers that stand on the palm")?;
+        require("hand.opening_mm", fits, &self.hand.opening_mm, "fingers that stand on the palm")?;
         let points = self.avoidance.measuring_points;
-        require("avoidance.measuring_points", (8..=10_000).contains(&points), points, "8 to 10000")?;
+        require("avoidance.measuring_points", (8..=10_000).contains(&points), &points, "8 to 10000")?;
         let element = self.avoidance.element_mm;
-        require("avoidance.element_mm", (1.0..=100.0).contains(&element), element, "1 to 100")
+        require("avoidance.element_mm", (1.0..=100.0).contains(&element), &element, "1 to 100")
     }
 
     fn validate_colors(&self) -> Result<()> {
@@ -153,12 +158,12 @@ impl WorldConfig {
         ];
         for (key, color) in named {
             let valid = color.iter().all(|c| (0.0..=1.0).contains(c));
-            require(key, valid, format!("{color:?}"), "three numbers from 0 to 1")?;
+            require(key, valid, &format!("{color:?}"), "three numbers from 0 to 1")?;
         }
         Ok(())
     }
 }
 
-fn require(key: &'static str, holds: bool, value: impl ToString, expected: &'static str) -> Result<()> {
+fn require(key: &'static str, holds: bool, value: &impl ToString, expected: &'static str) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::Config { key, value: value.to_string(), expected }) }
 }

@@ -18,17 +18,37 @@
 
 #![forbid(unsafe_code)]
 
+pub mod arm;
+pub mod avoidance;
 pub mod camera;
 pub mod config;
+mod coverage;
+pub mod environment;
 pub mod error;
+pub mod geometry;
+pub mod hand;
+pub mod hiro;
+mod ik;
+pub mod measuring_points;
 pub mod pose;
+pub mod render;
+mod scan;
 pub mod scene;
 pub mod shape;
+mod silhouette;
+mod surface;
 pub mod units;
+mod view;
 
+pub use arm::{Arm, JointLimits, JointVector};
+pub use avoidance::{AvoidanceMap, ObstacleElements};
 pub use camera::Camera;
 pub use config::WorldConfig;
+pub use environment::Environment;
 pub use error::{Error, Result};
+pub use hand::{Contacts, Hand};
+pub use measuring_points::MeasuringPoints;
 pub use pose::{LabelForm, PoseChange};
+pub use render::{Frame, Renderer};
 pub use scene::{Body, Light, Material, Scene, Table};
 pub use shape::Shape;

@@ -1,0 +1,238 @@
+//! Rows as a reader gets them: each kind of row reads only the columns it names.
+
+use crate::config::Kind;
+use crate::error::{Error, Result};
+use arrow_array::cast::AsArray as _;
+use arrow_array::types::{Float32Type, Float64Type, UInt64Type};
+use arrow_array::{Array, BinaryArray, FixedSizeListArray, RecordBatch, StringArray, UInt64Array};
+use nalgebra::{Isometry3, Vector3};
+use std::path::Path;
+use world::Scene;
+use world::pose::HandPose;
+
+/// A part of a dataset's rows.
+pub trait Row: Sized {
+    /// Kind of the datasets that have it; `None` where both have.
+    const KIND: Option<Kind>;
+    /// The columns it is made of.
+    const COLUMNS: &'static [&'static str];
+    /// The rows of a batch that has these columns.
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>>;
+}
+
+/// What `CNN_approach` learns from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ApproachRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// PNG at the current pose.
+    pub image_current: Vec<u8>,
+    /// PNG at the goal pose.
+    pub image_goal: Vec<u8>,
+    /// Current pose of the hand.
+    pub robot_from_current: Isometry3<f64>,
+    /// Goal pose of the hand.
+    pub robot_from_goal: Isometry3<f64>,
+}
+
+/// What `CNN_avoid` learns from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AvoidanceRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// PNG at the hand's pose.
+    pub image: Vec<u8>,
+    /// Pose of the hand.
+    pub robot_from_hand: Isometry3<f64>,
+    /// Avoidance map, Eq. (1): a value in `[0, 1]` a measuring point.
+    pub values: Vec<f32>,
+}
+
+/// What stood on the table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// The scene, exactly as it was rendered.
+    pub scene: Scene,
+}
+
+impl Row for ApproachRow {
+    const KIND: Option<Kind> = Some(Kind::Approach);
+    const COLUMNS: &'static [&'static str] =
+        &["index", "image_current", "image_goal", "pose_current", "pose_goal"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let index = batch.counts("index")?;
+        let [image_current, image_goal] = [batch.images("image_current")?, batch.images("image_goal")?];
+        let [pose_current, pose_goal] = [batch.poses("pose_current")?, batch.poses("pose_goal")?];
+        let row = |i: usize| Self {
+            index: index.value(i),
+            image_current: image_current.value(i).to_vec(),
+            image_goal: image_goal.value(i).to_vec(),
+            robot_from_current: pose_current[i].robot_from_hand(),
+            robot_from_goal: pose_goal[i].robot_from_hand(),
+        };
+        Ok((0..batch.rows()).map(row).collect())
+    }
+}
+
+impl Row for AvoidanceRow {
+    const KIND: Option<Kind> = Some(Kind::Avoidance);
+    const COLUMNS: &'static [&'static str] = &["index", "image", "pose", "values"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let index = batch.counts("index")?;
+        let image = batch.images("image")?;
+        let pose = batch.poses("pose")?;
+        let values = batch.lists("values")?;
+        let floats =
+            values.values().as_primitive_opt::<Float32Type>().ok_or_else(|| batch.wrong("values"))?;
+        let length = values.value_length() as usize;
+        let row = |i: usize| Self {
+            index: index.value(i),
+            image: image.value(i).to_vec(),
+            robot_from_hand: pose[i].robot_from_hand(),
+            values: floats.values()[i * length..(i + 1) * length].to_vec(),
+        };
+        Ok((0..batch.rows()).map(row).collect())
+    }
+}
+
+impl Row for SceneRow {
+    const KIND: Option<Kind> = None;
+    const COLUMNS: &'static [&'static str] = &["index", "scene"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let index = batch.counts("index")?;
+        let texts = batch.texts("scene")?;
+        let row = |i: usize| {
+            let scene = serde_json::from_str(texts.value(i)).map_err(|_| batch.wrong("scene"))?;
+            Ok(Self { index: index.value(i), scene })
+        };
+        (0..batch.rows()).map(row).collect()
+    }
+}
+
+/// Some rows of a file, and which file.
+pub struct Batch<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) columns: &'a RecordBatch,
+}
+
+impl Batch<'_> {
+    fn rows(&self) -> usize {
+        self.columns.num_rows()
+    }
+
+    fn counts(&self, name: &str) -> Result<&UInt64Array> {
+        self.column(name)?.as_primitive_opt::<UInt64Type>().ok_or_else(|| self.wrong(name))
+    }
+
+    fn texts(&self, name: &str) -> Result<&StringArray> {
+        self.column(name)?.as_string_opt::<i32>().ok_or_else(|| self.wrong(name))
+    }
+
+    fn lists(&self, name: &str) -> Result<&FixedSizeListArray> {
+        self.column(name)?.as_fixed_size_list_opt().ok_or_else(|| self.wrong(name))
+    }
+
+    fn images(&self, name: &str) -> Result<&BinaryArray> {
+        let bytes = self.column(name)?.as_struct_opt().and_then(|image| image.column_by_name("bytes"));
+        bytes.and_then(|bytes| bytes.as_binary_opt::<i32>()).ok_or_else(|| self.wrong(name))
+    }
+
+    fn poses(&self, name: &str) -> Result<Vec<HandPose>> {
+        let lists = self.lists(name)?;
+        let numbers = lists.values().as_primitive_opt::<Float64Type>().ok_or_else(|| self.wrong(name))?;
+        if lists.value_length() != 6 {
+            return Err(self.wrong(name));
+        }
+        let pose = |v: &[f64]| HandPose {
+            position: Vector3::new(v[0], v[1], v[2]),
+            angles: Vector3::new(v[3], v[4], v[5]),
+        };
+        Ok(numbers.values().chunks_exact(6).map(pose).collect())
+    }
+
+    fn column(&self, name: &str) -> Result<&dyn Array> {
+        let column = self.columns.column_by_name(name).filter(|column| column.null_count() == 0);
+        column.map(AsRef::as_ref).ok_or_else(|| self.wrong(name))
+    }
+
+    /// The error for a column that flowservo would not have written so.
+    fn wrong(&self, name: &str) -> Error {
+        let found = match self.columns.column_by_name(name) {
+            Some(column) => {
+                format!("values of type {} with {} nulls", column.data_type(), column.null_count())
+            }
+            None => "no such column".to_owned(),
+        };
+        Error::Damaged {
+            path: self.path.to_owned(),
+            expected: format!("column {name} as flowservo writes it"),
+            found,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reader::DatasetReader;
+    use crate::tiny::{config, make};
+    use world::units::{to_deg, to_mm};
+
+    /// Height of the reference point \[mm\], and half-widths \[mm, degrees\], as printed in Section 6.2 of the paper.
+    type Range = (f64, [f64; 6]);
+    const RANGE_1: Range = (150.0, [100.0, 100.0, 100.0, 5.0, 5.0, 30.0]);
+    const RANGE_2A: Range = (80.0, [50.0, 50.0, 30.0, 5.0, 5.0, 10.0]);
+    const RANGE_2B: Range = (80.0, [10.0, 10.0, 10.0, 5.0, 5.0, 5.0]);
+    const RANGE_B: Range = (80.0, [30.0, 30.0, 20.0, 5.0, 5.0, 10.0]);
+
+    fn is_within((reference, half): Range, robot_from_hand: &Isometry3<f64>, scene: &Scene) -> bool {
+        let HandPose { position, angles } = HandPose::from_transform(robot_from_hand);
+        let offset = (position - scene.target_center().coords).map(to_mm) - Vector3::z() * reference;
+        let offsets = offset.iter().copied().chain(angles.iter().copied().map(to_deg));
+        offsets.zip(half).all(|(offset, half)| offset.abs() <= half + 1e-9)
+    }
+
+    fn rows<R: Row>(name: &str) -> Vec<R> {
+        let dir = tempfile::tempdir().unwrap();
+        make(&config(name, 30), dir.path()).unwrap();
+        DatasetReader::open(dir.path()).unwrap().all().unwrap().collect::<Result<_>>().unwrap()
+    }
+
+    #[test]
+    fn approaches_lie_in_the_ranges_of_the_paper() {
+        for (name, coarse, fine) in [
+            ("a", [RANGE_1, RANGE_1], [RANGE_2A, RANGE_2B]),
+            ("b", [RANGE_B, RANGE_B], [RANGE_2B, RANGE_2B]),
+            ("c", [RANGE_B, RANGE_B], [RANGE_2B, RANGE_2B]),
+        ] {
+            let mut fine_rows = 0;
+            for (row, SceneRow { scene, .. }) in rows::<ApproachRow>(name).iter().zip(rows::<SceneRow>(name))
+            {
+                let within = |[current, goal]: [Range; 2]| {
+                    is_within(current, &row.robot_from_current, &scene)
+                        && is_within(goal, &row.robot_from_goal, &scene)
+                };
+                assert!(within(coarse) || within(fine), "{name}, row {}", row.index);
+                fine_rows += usize::from(within(fine));
+            }
+            assert!((5..=25).contains(&fine_rows), "{name}: {fine_rows} of 30");
+        }
+    }
+
+    #[test]
+    fn hands_of_avoidance_maps_lie_in_the_ranges_of_the_paper() {
+        for (row, SceneRow { scene, .. }) in
+            rows::<AvoidanceRow>("avoid").iter().zip(rows::<SceneRow>("avoid"))
+        {
+            let within = |range| is_within(range, &row.robot_from_hand, &scene);
+            assert!(within(RANGE_1) || within(RANGE_2A), "row {}", row.index);
+            assert_eq!(row.values.len(), 180);
+            assert_eq!(scene.obstacles.is_empty(), row.values.iter().all(|&value| value == 0.0));
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! Small datasets for tests: the configurations of this repository with a tiny camera and few rows.
+
+use crate::config::DatasetConfig;
+use crate::error::Result;
+use crate::generate::{Summary, generate};
+use crate::progress::Options;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use toml::Table;
+
+/// A configuration as the binary resolves it; `name` is a file in `configs/datasets`.
+pub(crate) fn table(name: &str) -> Table {
+    let text = match name {
+        "a" => include_str!("../../configs/datasets/a.toml"),
+        "b" => include_str!("../../configs/datasets/b.toml"),
+        "c" => include_str!("../../configs/datasets/c.toml"),
+        "avoid" => include_str!("../../configs/datasets/avoid.toml"),
+        _ => panic!("no such dataset: {name}"),
+    };
+    let mut table: Table = text.parse().unwrap();
+    let world: Table = include_str!("../../configs/world.toml").parse().unwrap();
+    table.insert("world".to_owned(), world.into());
+    table
+}
+
+/// The configuration with a camera of 32 x 24 pixels, `count` rows and three rows a file.
+pub(crate) fn config(name: &str, count: u64) -> DatasetConfig {
+    let mut config = DatasetConfig::from_table(table(name)).unwrap();
+    (config.count, config.rows_per_shard) = (count, 3);
+    (config.world.camera.width, config.world.camera.height) = (32, 24);
+    config
+}
+
+/// Generates without being watched.
+pub(crate) fn make(config: &DatasetConfig, out: &Path) -> Result<Summary> {
+    generate(config, out, &Options { stop: &AtomicBool::new(false) }, &|_| {})
+}

@@ -1,0 +1,239 @@
+//! Deflection: the desired motion, turned to where the avoidance map admits it (paper, Section 4.3).
+//!
+//! Measuring points stand in the robot's axes, motions in the hand frame: directions are compared in the robot's axes. Only
+//! the direction of the translation changes; its length and the rotation stay.
+//!
+//! What the paper leaves open is decided here:
+//! - No direction is admitted: the translation is held for this step, the rotation goes on, and the threshold rises.
+//! - The threshold rises to a configured cap, at most 1; there every direction is admitted, also one whose predicted value
+//!   exceeds 1. It never falls within a session.
+//! - Deadlock, says the text, occurs when the value in the direction of the target falls below the threshold; it does when
+//!   the value stays above it.
+
+use crate::config::{DeflectionConfig, DeflectionMode};
+use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
+use serde::{Deserialize, Serialize};
+use world::{AvoidanceMap, MeasuringPoints, PoseChange};
+
+/// What became of the direction of a translation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Course {
+    /// As desired.
+    Kept,
+    /// Turned to a measuring point.
+    Turned,
+    /// No direction is admitted: no translation.
+    Held,
+}
+
+/// A deflected motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deflection {
+    /// `v̂_g`, a twist in the hand frame.
+    pub motion: PoseChange,
+    /// What became of the direction.
+    pub course: Course,
+    /// The threshold `t_g` that admitted it.
+    pub threshold: f64,
+}
+
+/// Deflects motions; keeps the threshold from step to step.
+#[derive(Debug, Clone)]
+pub struct Deflector {
+    points: MeasuringPoints,
+    config: DeflectionConfig,
+    threshold: f64,
+}
+
+impl Deflector {
+    /// With the threshold of the first step.
+    pub fn new(config: &DeflectionConfig, points: &MeasuringPoints) -> Self {
+        Self { points: points.clone(), config: config.clone(), threshold: config.threshold }
+    }
+
+    /// Turns a desired motion, a twist in the hand frame, and raises the threshold for the next step at a deadlock.
+    ///
+    /// # Panics
+    /// If the map has not one value for each measuring point.
+    pub fn deflect(
+        &mut self,
+        desired: &PoseChange,
+        map: &AvoidanceMap,
+        robot_from_hand: &UnitQuaternion<f64>,
+    ) -> Deflection {
+        assert_eq!(map.values.len(), self.points.directions().len(), "values of the avoidance map");
+        let threshold = self.threshold;
+        let wanted = robot_from_hand * desired.translation;
+        if self.keeps(&wanted, map) {
+            return Deflection { motion: *desired, course: Course::Kept, threshold };
+        }
+        let g_max = self.admitted(&wanted, map);
+        self.raise(&wanted, g_max);
+        let (direction, course) = g_max.map_or((Vector3::zeros(), Course::Held), |g| (*g, Course::Turned));
+        // Eq. (2): the length of the desired translation in the direction g_max, and the desired rotation.
+        let translation = robot_from_hand.inverse() * direction * wanted.norm();
+        Deflection { motion: PoseChange { translation, rotation: desired.rotation }, course, threshold }
+    }
+
+    /// `g_max`: of the measuring points whose value is below the threshold, the one nearest to the wanted direction.
+    ///
+    /// Beyond the paper, a detour does not lead lower than the wanted way: obstacles stand on the table, which no map
+    /// shows.
+    fn admitted(&self, wanted: &Vector3<f64>, map: &AvoidanceMap) -> Option<UnitVector3<f64>> {
+        let lowest = match self.config.mode {
+            DeflectionMode::Paper => -1.0,
+            DeflectionMode::Keep => wanted.z / wanted.norm(),
+        };
+        let points = self.points.directions().iter().zip(&map.values);
+        let admitted = points.filter(|(g, value)| self.admits(**value) && g.z >= lowest).map(|(g, _)| *g);
+        admitted.max_by(|a, b| a.dot(wanted).total_cmp(&b.dot(wanted)))
+    }
+
+    fn admits(&self, value: f64) -> bool {
+        value < self.threshold || self.threshold >= 1.0
+    }
+
+    /// Does the wanted direction stay as it is? Its value is that of the nearest measuring point.
+    fn keeps(&self, wanted: &Vector3<f64>, map: &AvoidanceMap) -> bool {
+        let points = self.points.directions().iter().zip(&map.values);
+        let nearest = points.max_by(|(a, _), (b, _)| a.dot(wanted).total_cmp(&b.dot(wanted)));
+        self.config.mode == DeflectionMode::Keep && nearest.is_some_and(|(_, value)| self.admits(*value))
+    }
+
+    /// Eq. (3): `t_g + ε` if `v_g · g_max ≤ 0`, else `t_g`; the paper prints equality in both cases.
+    ///
+    /// Beyond the paper, a direction that leads forward by no more than a configured share of the way counts as a
+    /// deadlock, too.
+    fn raise(&mut self, wanted: &Vector3<f64>, admitted: Option<UnitVector3<f64>>) {
+        let DeflectionConfig { epsilon, max_threshold, min_progress, .. } = self.config;
+        if admitted.is_none_or(|g_max| wanted.dot(&g_max) <= min_progress * wanted.norm()) {
+            self.threshold = (self.threshold + epsilon).min(max_threshold);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    fn config(mode: DeflectionMode) -> DeflectionConfig {
+        DeflectionConfig { mode, threshold: 0.5, epsilon: 0.1, max_threshold: 0.85, min_progress: 0.0 }
+    }
+
+    fn points() -> MeasuringPoints {
+        MeasuringPoints::spiral(180)
+    }
+
+    /// The map of obstacles in some directions.
+    fn obstacles(directions: &[Vector3<f64>]) -> AvoidanceMap {
+        let value =
+            |g: &UnitVector3<f64>| directions.iter().map(|d| g.dot(&d.normalize())).fold(0.0, f64::max);
+        AvoidanceMap { values: points().directions().iter().map(value).collect() }
+    }
+
+    fn forward() -> PoseChange {
+        PoseChange::from_array([0.01, 0.0, 0.0, 0.1, -0.2, 0.3])
+    }
+
+    /// One step of a hand whose axes are the robot's.
+    fn deflect(deflector: &mut Deflector, map: &AvoidanceMap) -> Deflection {
+        deflector.deflect(&forward(), map, &UnitQuaternion::identity())
+    }
+
+    #[test]
+    fn with_nothing_in_the_way_keep_keeps_and_paper_takes_the_nearest_point() {
+        let free = obstacles(&[]);
+        let kept = deflect(&mut Deflector::new(&config(DeflectionMode::Keep), &points()), &free);
+        assert_eq!((kept.motion, kept.course), (forward(), Course::Kept));
+
+        let turned = deflect(&mut Deflector::new(&config(DeflectionMode::Paper), &points()), &free);
+        let angle = turned.motion.translation.angle(&Vector3::x()).to_degrees();
+        assert!(angle > 0.1 && angle < 11.1, "{angle}: no direction is farther from a point, and x is none");
+        assert_relative_eq!(turned.motion.translation.norm(), 0.01, epsilon = 1e-15);
+        assert_eq!(turned.motion.rotation, forward().rotation);
+    }
+
+    #[test]
+    fn an_obstacle_ahead_turns_the_motion_as_little_as_the_threshold_admits() {
+        for mode in [DeflectionMode::Keep, DeflectionMode::Paper] {
+            let map = obstacles(&[Vector3::x()]);
+            let turned = deflect(&mut Deflector::new(&config(mode), &points()), &map);
+            assert_eq!(turned.course, Course::Turned);
+            // The threshold 0.5 is a cone of 60 degrees around the obstacle; points are at most 15.6 degrees apart.
+            let angle = turned.motion.translation.angle(&Vector3::x()).to_degrees();
+            assert!((60.0..67.0).contains(&angle), "{angle}");
+            assert_relative_eq!(turned.motion.translation.norm(), 0.01, epsilon = 1e-15);
+        }
+    }
+
+    #[test]
+    fn an_obstacle_aside_is_no_reason_to_turn() {
+        let aside = obstacles(&[Vector3::new(0.1, 1.0, 0.0)]);
+        let mut deflector = Deflector::new(&config(DeflectionMode::Keep), &points());
+        assert_eq!(deflect(&mut deflector, &aside).course, Course::Kept);
+    }
+
+    #[test]
+    fn directions_are_compared_in_the_axes_of_the_robot() {
+        let map = obstacles(&[Vector3::x()]);
+        let ahead_in_robot = Vector3::x() * 0.01;
+        let in_robot = |robot_from_hand: UnitQuaternion<f64>| {
+            let translation = robot_from_hand.inverse() * ahead_in_robot;
+            let desired = PoseChange { translation, rotation: Vector3::zeros() };
+            let mut deflector = Deflector::new(&config(DeflectionMode::Keep), &points());
+            robot_from_hand * deflector.deflect(&desired, &map, &robot_from_hand).motion.translation
+        };
+        let expected = in_robot(UnitQuaternion::identity());
+        for yaw in [0.5, 1.5, 3.0] {
+            let looking_down = UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, yaw);
+            assert_relative_eq!(in_robot(looking_down), expected, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn without_an_admitted_direction_the_hand_waits_and_the_threshold_rises() {
+        let mut deflector = Deflector::new(&config(DeflectionMode::Keep), &points());
+        let walled_in = AvoidanceMap { values: vec![0.75; 180] };
+        for threshold in [0.5, 0.6, 0.7] {
+            let held = deflect(&mut deflector, &walled_in);
+            assert_eq!((held.course, held.motion.translation), (Course::Held, Vector3::zeros()));
+            assert_eq!(held.motion.rotation, forward().rotation);
+            assert_relative_eq!(held.threshold, threshold, epsilon = 1e-12);
+        }
+        assert_eq!(deflect(&mut deflector, &walled_in).course, Course::Kept);
+    }
+
+    #[test]
+    fn a_way_back_raises_the_threshold_up_to_its_cap_and_a_way_forward_does_not() {
+        let mut deflector = Deflector::new(&config(DeflectionMode::Paper), &points());
+        // All but what lies behind is blocked, whatever the threshold.
+        let behind = |g: &UnitVector3<f64>| if g.x < -0.5 { 0.0 } else { 0.9 };
+        let dead_end = AvoidanceMap { values: points().directions().iter().map(behind).collect() };
+        let thresholds: Vec<f64> = (0..6).map(|_| deflect(&mut deflector, &dead_end).threshold).collect();
+        for (threshold, expected) in thresholds.iter().zip([0.5, 0.6, 0.7, 0.8, 0.85, 0.85]) {
+            assert_relative_eq!(*threshold, expected, epsilon = 1e-12);
+        }
+        let mut deflector = Deflector::new(&config(DeflectionMode::Paper), &points());
+        let ahead = obstacles(&[Vector3::x()]);
+        assert!((0..6).all(|_| deflect(&mut deflector, &ahead).threshold == 0.5));
+    }
+
+    #[test]
+    fn little_progress_can_count_as_a_deadlock() {
+        let strict = DeflectionConfig { min_progress: 0.6, ..config(DeflectionMode::Keep) };
+        let mut deflector = Deflector::new(&strict, &points());
+        // 60 degrees or more off the desired direction: cosine of at most 0.5.
+        let ahead = obstacles(&[Vector3::x()]);
+        assert_relative_eq!(deflect(&mut deflector, &ahead).threshold, 0.5);
+        assert_relative_eq!(deflect(&mut deflector, &ahead).threshold, 0.6);
+    }
+
+    #[test]
+    fn at_a_threshold_of_1_every_direction_is_admitted() {
+        let open = DeflectionConfig { threshold: 1.0, max_threshold: 1.0, ..config(DeflectionMode::Keep) };
+        let mut deflector = Deflector::new(&open, &points());
+        assert_eq!(deflect(&mut deflector, &AvoidanceMap { values: vec![1.1; 180] }).course, Course::Kept);
+    }
+}

@@ -1,0 +1,107 @@
+//! Training curves: loss and validation error over the epochs.
+
+use super::{Figure, GAP, WIDTH};
+use crate::plot::{Chart, Scale, Series, draw_legend};
+use crate::svg::{Area, PALETTE, Svg};
+
+/// What a training run wrote about one epoch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Epoch {
+    /// Its number.
+    pub epoch: usize,
+    /// Mean loss over the training examples.
+    pub train_loss: f64,
+    /// Loss over the validation examples.
+    pub validation_loss: f64,
+    /// Mean position error over the validation examples; `None` for a network that predicts no motion.
+    pub position_error_mm: Option<f64>,
+    /// Mean orientation error over the validation examples.
+    pub orientation_error_deg: Option<f64>,
+}
+
+/// A network's training.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainingCurve {
+    /// Name of the network.
+    pub name: String,
+    /// Its epochs in order.
+    pub epochs: Vec<Epoch>,
+}
+
+/// Panels for the loss and, where networks predict motions, for position and orientation error on the validation examples.
+pub fn training_curves(label: &str, curves: &[TrainingCurve]) -> Figure {
+    const TOP: f64 = 34.0;
+    let loss = lines(curves, |e| Some(e.validation_loss), false);
+    let mut panels =
+        vec![chart("Loss", [lines(curves, |e| Some(e.train_loss), true), loss.clone()].concat())];
+    for (heading, value) in [
+        ("Position error [mm]", (|e| e.position_error_mm) as fn(&Epoch) -> Option<f64>),
+        ("Orientation error [deg]", |e| e.orientation_error_deg),
+    ] {
+        let series = lines(curves, value, false);
+        if series.iter().any(|s| !s.points.is_empty()) {
+            panels.push(chart(heading, series));
+        }
+    }
+    let height = TOP + 300.0;
+    let mut svg = Svg::new(WIDTH, height, "Training curves");
+    let named = loss.into_iter().zip(curves).map(|(line, curve)| Series { name: curve.name.clone(), ..line });
+    draw_legend(&mut svg, [4.0, 20.0], &named.collect::<Vec<_>>());
+    let width = (WIDTH - GAP * (panels.len() as f64 - 1.0)) / panels.len() as f64;
+    for (i, panel) in panels.iter().enumerate() {
+        panel.draw(&mut svg, &Area { x: i as f64 * (width + GAP), y: TOP, width, height: height - TOP });
+    }
+    let names: Vec<&str> = curves.iter().map(|c| c.name.as_str()).collect();
+    let caption = format!(
+        "Training of {}. Loss: mean squared error of what the network puts out, solid on the validation examples, dashed on the \
+         training examples. Errors: means over the validation examples. Vertical axes are logarithmic. The paper shows no \
+         training curves.",
+        names.join(", ")
+    );
+    Figure { label: label.into(), svg: svg.finish(), caption }
+}
+
+fn chart(heading: &str, series: Vec<Series>) -> Chart {
+    Chart { heading: heading.into(), x_label: "epoch".into(), scale: Scale::Logarithmic, series }
+}
+
+/// One nameless line a curve, in its color in every panel.
+fn lines(curves: &[TrainingCurve], value: fn(&Epoch) -> Option<f64>, dashed: bool) -> Vec<Series> {
+    let points = |curve: &TrainingCurve| -> Vec<[f64; 2]> {
+        curve.epochs.iter().filter_map(|e| value(e).map(|v| [e.epoch as f64, v])).collect()
+    };
+    let line = |(i, curve): (usize, &TrainingCurve)| Series {
+        name: String::new(),
+        color: PALETTE[i % PALETTE.len()],
+        dashed,
+        points: points(curve),
+    };
+    curves.iter().enumerate().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::svg::tests::assert_balanced;
+
+    fn curve(position_error_mm: Option<f64>) -> TrainingCurve {
+        let epoch = |epoch| Epoch {
+            epoch,
+            train_loss: 1.0 / epoch as f64,
+            validation_loss: 1.2 / epoch as f64,
+            position_error_mm,
+            orientation_error_deg: position_error_mm,
+        };
+        TrainingCurve { name: "a <net>".into(), epochs: (1..=5).map(epoch).collect() }
+    }
+
+    #[test]
+    fn a_network_without_motions_has_one_panel() {
+        let with = training_curves("Figure 3", &[curve(Some(4.0))]);
+        let without = training_curves("Figure 3", &[curve(None)]);
+        assert_eq!(with.svg.matches(">epoch<").count(), 3);
+        assert_eq!(without.svg.matches(">epoch<").count(), 1);
+        assert_balanced(&with.svg);
+        assert!(with.svg.contains("a &lt;net&gt;"));
+    }
+}

@@ -1,0 +1,251 @@
+//! A drawing as SVG text: the few elements that the figures need, in one style.
+
+use crate::error::Result;
+use image::RgbImage;
+use std::fmt::Write;
+
+/// Color of text and axes.
+pub const INK: &str = "#1a1a1a";
+/// Color of what should stand back.
+pub const MUTED: &str = "#666666";
+/// Color of grid lines and frames.
+pub const FAINT: &str = "#dddddd";
+/// Line colors that color-blind readers can tell apart (Okabe and Ito, "Color Universal Design").
+pub const PALETTE: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
+
+/// Where a text's anchor point lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Anchor {
+    /// At its beginning.
+    Start,
+    /// In its middle.
+    Middle,
+    /// At its end.
+    End,
+}
+
+/// How a text looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TextStyle {
+    /// Font size.
+    pub size: f64,
+    /// Horizontal anchor.
+    pub anchor: Anchor,
+    /// Color.
+    pub color: &'static str,
+    /// Bold or not.
+    pub bold: bool,
+}
+
+impl TextStyle {
+    /// Labels of axes and panels.
+    pub const LABEL: Self = Self { size: 15.0, anchor: Anchor::Middle, color: INK, bold: false };
+    /// Numbers at ticks.
+    pub const TICK: Self = Self { size: 13.0, anchor: Anchor::Middle, color: MUTED, bold: false };
+    /// Headings of panels.
+    pub const HEADING: Self = Self { size: 16.0, anchor: Anchor::Middle, color: INK, bold: true };
+
+    /// The same with another anchor.
+    #[must_use]
+    pub fn anchored(self, anchor: Anchor) -> Self {
+        Self { anchor, ..self }
+    }
+}
+
+/// How a line looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stroke {
+    /// Color.
+    pub color: &'static str,
+    /// Width.
+    pub width: f64,
+    /// Dashed or not.
+    pub dashed: bool,
+}
+
+/// A rectangle with sides along the axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Area {
+    /// Left edge.
+    pub x: f64,
+    /// Upper edge.
+    pub y: f64,
+    /// Width.
+    pub width: f64,
+    /// Height.
+    pub height: f64,
+}
+
+/// A drawing; the origin is its upper left corner, y points down.
+#[derive(Debug, Clone)]
+pub struct Svg {
+    text: String,
+}
+
+impl Svg {
+    /// An empty white drawing; `description` is what a screen reader says of it.
+    pub fn new(width: f64, height: f64, description: &str) -> Self {
+        let mut text = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
+             font-family=\"Helvetica, Arial, sans-serif\">\n<title>{}</title>\n",
+            escaped(description)
+        );
+        text.push_str("<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n");
+        Self { text }
+    }
+
+    fn push(&mut self, element: std::fmt::Arguments<'_>) {
+        // Writing to a String cannot fail.
+        let _ = self.text.write_fmt(element);
+        self.text.push('\n');
+    }
+
+    /// A straight or broken line.
+    pub fn line(&mut self, points: &[[f64; 2]], stroke: &Stroke) {
+        let mut path = String::new();
+        for [x, y] in points {
+            let _ = write!(path, "{x:.2},{y:.2} ");
+        }
+        let dash = if stroke.dashed { " stroke-dasharray=\"6 4\"" } else { "" };
+        self.push(format_args!(
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-linejoin=\"round\"{dash}/>",
+            path.trim_end(),
+            stroke.color,
+            stroke.width
+        ));
+    }
+
+    /// A disc with a thin rim.
+    pub fn disc(&mut self, [x, y]: [f64; 2], radius: f64, fill: &str, rim: &str) {
+        self.push(format_args!(
+            "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"{fill}\" stroke=\"{rim}\" stroke-width=\"0.75\"/>"
+        ));
+    }
+
+    /// A filled rectangle.
+    pub fn rectangle(&mut self, area: &Area, fill: &str) {
+        let Area { x, y, width, height } = area;
+        self.push(format_args!(
+            "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" fill=\"{fill}\"/>"
+        ));
+    }
+
+    /// A line of text; `point` is on its baseline.
+    pub fn text(&mut self, point: [f64; 2], text: &str, style: &TextStyle) {
+        self.turned_text(point, 0.0, text, style);
+    }
+
+    /// A line of text turned clockwise by some degrees about its anchor.
+    pub fn turned_text(&mut self, [x, y]: [f64; 2], turn: f64, text: &str, style: &TextStyle) {
+        let anchor = match style.anchor {
+            Anchor::Start => "start",
+            Anchor::Middle => "middle",
+            Anchor::End => "end",
+        };
+        let weight = if style.bold { " font-weight=\"600\"" } else { "" };
+        let transform =
+            if turn == 0.0 { String::new() } else { format!(" transform=\"rotate({turn} {x:.2} {y:.2})\"") };
+        self.push(format_args!(
+            "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{}\" text-anchor=\"{anchor}\" fill=\"{}\"{weight}{transform}>{}</text>",
+            style.size,
+            style.color,
+            escaped(text)
+        ));
+    }
+
+    /// An image stretched over an area, embedded as PNG, with a thin frame.
+    pub fn image(&mut self, area: &Area, image: &RgbImage) -> Result<()> {
+        let Area { x, y, width, height } = area;
+        let png = datagen::png::encode(image)?;
+        self.push(format_args!(
+            "<image x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" preserveAspectRatio=\"none\" \
+             href=\"data:image/png;base64,{}\"/>",
+            base64(&png)
+        ));
+        self.push(format_args!(
+            "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" fill=\"none\" stroke=\"{MUTED}\" stroke-width=\"0.75\"/>"
+        ));
+        Ok(())
+    }
+
+    /// The finished document.
+    pub fn finish(mut self) -> String {
+        self.text.push_str("</svg>\n");
+        self.text
+    }
+}
+
+/// Text as content or attribute value of an XML or HTML element.
+pub fn escaped(text: &str) -> String {
+    let mut result = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => result.push_str("&amp;"),
+            '<' => result.push_str("&lt;"),
+            '>' => result.push_str("&gt;"),
+            '"' => result.push_str("&quot;"),
+            '\'' => result.push_str("&#39;"),
+            other => result.push(other),
+        }
+    }
+    result
+}
+
+/// Base64 with padding (RFC 4648, section 4).
+fn base64(bytes: &[u8]) -> String {
+    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut result = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let byte = |i: usize| u32::from(chunk.get(i).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for digit in 0..4 {
+            let index = (bits >> (18 - 6 * digit) & 63) as usize;
+            result.push(if digit <= chunk.len() { char::from(ALPHABET[index]) } else { '=' });
+        }
+    }
+    result
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Fails unless every opened element is closed in order.
+    pub(crate) fn assert_balanced(markup: &str) {
+        let mut open = Vec::new();
+        for tag in markup.split('<').skip(1) {
+            let tag = tag.split('>').next().unwrap();
+            let name =
+                tag.trim_start_matches('/').split(|c: char| c.is_whitespace() || c == '/').next().unwrap();
+            let void = ["meta", "br", "!doctype", "img"].contains(&name.to_lowercase().as_str());
+            if let Some(closed) = tag.strip_prefix('/') {
+                assert_eq!(open.pop(), Some(closed), "closed out of order");
+            } else if !tag.ends_with('/') && !void {
+                open.push(name);
+            }
+        }
+        assert!(open.is_empty(), "left open: {open:?}");
+    }
+
+    #[test]
+    fn base64_of_the_rfc() {
+        let vectors = [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")];
+        for (plain, encoded) in vectors {
+            assert_eq!(base64(plain.as_bytes()), encoded);
+        }
+        assert_eq!(base64(&[0xfb, 0xff, 0xbf]), "+/+/");
+    }
+
+    #[test]
+    fn a_drawing_is_well_formed_whatever_its_texts_say() {
+        let mut svg = Svg::new(100.0, 50.0, "a < b & \"c\"");
+        svg.line(&[[0.0, 0.0], [1.0, 1.0]], &Stroke { color: INK, width: 1.0, dashed: true });
+        svg.turned_text([1.0, 2.0], -90.0, "</text><script>", &TextStyle::LABEL);
+        svg.image(&Area { x: 0.0, y: 0.0, width: 4.0, height: 3.0 }, &RgbImage::new(4, 3)).unwrap();
+        let text = svg.finish();
+        assert_balanced(&text);
+        assert!(!text.contains("<script>"));
+        // Every PNG begins with these bytes.
+        assert!(text.contains(&format!("base64,{}", &base64(b"\x89PNG\r\n\x1a\n")[..10])));
+    }
+}

@@ -1,0 +1,67 @@
+//! What a session is given: a scene, a start and a goal (paper, Section 6.4), drawn as datasets draw theirs.
+
+use crate::config::EvalConfig;
+use crate::error::{Error, Result};
+use datagen::config::ObstacleConfig;
+use datagen::placement::Sampler;
+use datagen::range::stream;
+use image::RgbImage;
+use nalgebra::{Isometry3, Translation3};
+use rand::RngExt;
+use world::Scene;
+use world::arm::JointVector;
+use world::environment::Environment;
+use world::units::mm;
+
+/// One session's task.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// Its index.
+    pub index: usize,
+    /// Seed of the evaluation.
+    pub seed: u64,
+    /// What stands on the table.
+    pub scene: Scene,
+    /// Joint angles at the start \[rad\].
+    pub start_joints: JointVector,
+    /// Where the goal image was taken.
+    pub robot_from_goal: Isometry3<f64>,
+    /// What the wrist camera sees there.
+    pub goal_image: RgbImage,
+}
+
+impl Trial {
+    /// Draws trial `index`, a pure function of configuration and index: start and goal are within reach, touch nothing that
+    /// `config.rejection` names and keep `config.clearance_mm` from them and
+    /// the table, and the target is in view from both.
+    pub fn draw(environment: &Environment, config: &EvalConfig, index: usize) -> Result<Self> {
+        let mut rng = stream(config.seed, index as u64);
+        // Drawn once, so that rejection does not favor the empty table.
+        let [fewest, most] = config.obstacles.count;
+        let count = rng.random_range(fewest..=most);
+        let obstacles = ObstacleConfig { count: [count; 2], ..config.obstacles.clone() };
+        let EvalConfig { target, motions, rejection, .. } = config;
+        let sampler = Sampler::new(environment, target, &obstacles, motions, rejection);
+        for _ in 0..rejection.tries {
+            let drawn = sampler.draw(&mut rng);
+            let (placement, mut images) = drawn.map_err(|source| Error::Trial { index, source })?;
+            // A validated motion has a current and a goal pose, in this order.
+            let [start, goal] = [placement.hands[0], placement.hands[1]];
+            let hands = [start.pose, goal.pose].map(|pose| pose.robot_from_hand());
+            let scene = placement.scene;
+            if hands.iter().all(|hand| is_clear(environment, hand, &scene, mm(config.clearance_mm))) {
+                let [_, robot_from_goal] = hands;
+                let (seed, goal_image) = (config.seed, images.swap_remove(1));
+                return Ok(Self { index, seed, scene, start_joints: start.joints, robot_from_goal, goal_image });
+            }
+        }
+        Err(Error::Crowded { index, tries: rejection.tries })
+    }
+}
+
+/// Does a hand keep a distance from the obstacles, and above the table?
+fn is_clear(environment: &Environment, robot_from_hand: &Isometry3<f64>, scene: &Scene, clearance: f64) -> bool {
+    let lowered = Translation3::new(0.0, 0.0, -clearance) * robot_from_hand;
+    let hand = &environment.hand;
+    hand.clearance(robot_from_hand, scene) >= clearance && !hand.contacts(&lowered, scene).table
+}

@@ -1,0 +1,224 @@
+//! The command line.
+
+use crate::device::DeviceChoice;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Learned visual servoing in virtual environments: datasets, networks, servo sessions, and the paper's tables.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 110, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Threads to compute with; all cores by default. Results do not depend on it.
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+    /// Print one JSON object on the last line of standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run everything: data, training, servo sessions, tables and report.html.
+    #[command(after_help = "Example: flowservo reproduce --preset quick")]
+    Reproduce(Reproduce),
+    /// Make datasets and look into them.
+    #[command(subcommand)]
+    Dataset(Dataset),
+    /// Train a network.
+    #[command(after_help = "Example: flowservo train configs/train/approach.toml --out runs/approach --set optimizer.epochs=4")]
+    Train(Train),
+    /// Run servo sessions and print Table 1.
+    #[command(after_help = "Example: flowservo eval configs/eval/table1.toml --approach runs/approach/best \
+                            --avoid avoid@1 --out runs/table1")]
+    Eval(Eval),
+    /// Publish, list, show, pull and verify versioned model checkpoints.
+    #[command(subcommand)]
+    Model(Model),
+}
+
+/// A configuration file and what is changed in it.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    /// The configuration, a TOML file.
+    pub config: PathBuf,
+    /// Change one key of the configuration; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+}
+
+/// `reproduce`
+#[derive(Debug, Args)]
+pub struct Reproduce {
+    /// How much of everything.
+    #[arg(long, value_enum, default_value = "quick")]
+    pub preset: Preset,
+    /// Folder of the configurations.
+    #[arg(long, default_value = "configs")]
+    pub configs: PathBuf,
+    /// Where to write; runs/PRESET by default.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Change one key of the preset, as training.approach.optimizer.epochs=3; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Where to train.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub device: DeviceChoice,
+}
+
+/// A size of `reproduce`.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum Preset {
+    /// Minutes on two CPU cores.
+    Quick,
+    /// All 52,000 examples with the small network: hours on a CPU.
+    Cpu,
+    /// VGA and full-width networks, for a graphics processor.
+    Paper,
+}
+
+impl Preset {
+    /// Its name on the command line and in `configs/reproduce`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quick => "quick",
+            Self::Cpu => "cpu",
+            Self::Paper => "paper",
+        }
+    }
+}
+
+/// `dataset`
+#[derive(Debug, Subcommand)]
+pub enum Dataset {
+    /// Sample, render and write a dataset.
+    #[command(after_help = "Example: flowservo dataset generate configs/datasets/a.toml --out runs/data/a --set count=4000")]
+    Generate {
+        /// The dataset's configuration.
+        #[command(flatten)]
+        config: ConfigArgs,
+        /// Folder to write.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Show what a dataset holds.
+    #[command(after_help = "Example: flowservo dataset info runs/data/a")]
+    Info {
+        /// The dataset's folder.
+        dataset: PathBuf,
+    },
+    /// Compare every file of a dataset with its digest.
+    #[command(after_help = "Example: flowservo dataset verify runs/data/a")]
+    Verify {
+        /// The dataset's folder.
+        dataset: PathBuf,
+    },
+}
+
+/// `train`
+#[derive(Debug, Args)]
+pub struct Train {
+    /// The training configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// A dataset's folder, in the place of those in the configuration; may be repeated.
+    #[arg(long)]
+    pub data: Vec<PathBuf>,
+    /// Folder of the run: checkpoints and metrics.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Go on where an interrupted run stopped.
+    #[arg(long)]
+    pub resume: bool,
+    /// Where to train.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub device: DeviceChoice,
+}
+
+/// `eval`
+#[derive(Debug, Args)]
+pub struct Eval {
+    /// The evaluation's configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// `CNN_approach` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, or oracle.
+    #[arg(long, value_name = "MODEL")]
+    pub approach: Option<String>,
+    /// `CNN_avoid` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, or oracle.
+    #[arg(long, value_name = "MODEL")]
+    pub avoid: Option<String>,
+    /// Folder for tables and sessions.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Where to run the networks.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub device: DeviceChoice,
+    /// The registry.
+    #[command(flatten)]
+    pub registry: RegistryArgs,
+}
+
+/// Where the registry is.
+#[derive(Debug, Args)]
+pub struct RegistryArgs {
+    /// Folder of the model registry.
+    #[arg(long, value_name = "DIR", default_value = "models")]
+    pub registry: PathBuf,
+}
+
+/// `model`
+#[derive(Debug, Subcommand)]
+pub enum Model {
+    /// Publish a checkpoint as the next version of a name.
+    #[command(after_help = "Example: flowservo model publish runs/approach/best approach")]
+    Publish {
+        /// The checkpoint's folder.
+        checkpoint: PathBuf,
+        /// The model's name.
+        name: String,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// List models and their versions.
+    #[command(after_help = "Example: flowservo model list")]
+    List {
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// Show a version: files, lineage, metrics.
+    #[command(after_help = "Example: flowservo model show approach@1")]
+    Show {
+        /// NAME, NAME@VERSION or NAME@sha256:DIGEST.
+        model: String,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// Copy a version out of the registry, with every digest checked.
+    #[command(after_help = "Example: flowservo model pull approach@1 --out runs/pulled")]
+    Pull {
+        /// NAME, NAME@VERSION or NAME@sha256:DIGEST.
+        model: String,
+        /// Folder to write.
+        #[arg(long)]
+        out: PathBuf,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// Check every file of a model, or of the whole registry, against its digest.
+    #[command(after_help = "Example: flowservo model verify")]
+    Verify {
+        /// NAME, NAME@VERSION or NAME@sha256:DIGEST; everything by default.
+        model: Option<String>,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+}

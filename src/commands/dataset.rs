@@ -1,0 +1,95 @@
+//! `flowservo dataset`: make datasets and look into them.
+
+use super::{print_json, write_file};
+use crate::cli;
+use crate::config::Config;
+use crate::progress::{Progress, peak_rss_mb};
+use crate::stop::Stop;
+use anyhow::Result;
+use datagen::{DatasetConfig, DatasetInfo, Options};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What `dataset generate` made, and how fast.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Generated {
+    /// Name of the dataset.
+    pub name: String,
+    /// Rows of the dataset.
+    pub rows: u64,
+    /// Images of the dataset.
+    pub images: u64,
+    /// Rows made by this run.
+    pub rows_made: u64,
+    /// Time that this run took.
+    pub seconds: f64,
+    /// Images that this run made in a second.
+    pub images_per_s: f64,
+    /// Largest memory of the process.
+    pub peak_rss_mb: Option<f64>,
+    /// Digest of the dataset.
+    pub digest: String,
+}
+
+/// Runs one of the commands.
+pub fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()> {
+    match command {
+        cli::Dataset::Generate { config, out } => {
+            let file = Config::load(&config.config, &config.overrides)?;
+            let config: DatasetConfig = file.parse()?;
+            file.check(config.validate())?;
+            let generated = generate(&config, out, stop)?;
+            println!("{}: {} rows, {} images, digest {}", out.display(), generated.rows, generated.images, generated.digest);
+            print_json(json, &generated)
+        }
+        cli::Dataset::Info { dataset } => {
+            let info = DatasetInfo::read(dataset)?;
+            show(&info);
+            print_json(json, &info)
+        }
+        cli::Dataset::Verify { dataset } => {
+            let info = DatasetInfo::read(dataset)?;
+            info.verify(dataset)?;
+            println!("{}: {} files are as they were written", dataset.display(), info.files.len());
+            print_json(json, &serde_json::json!({ "files": info.files.len(), "digest": info.digest }))
+        }
+    }
+}
+
+/// Makes a dataset in a folder and shows how it goes.
+pub fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Result<Generated> {
+    let progress = Progress::start(&format!("dataset {}", config.name), "rows", config.count);
+    let summary = datagen::generate(config, out, &Options { stop: stop.flag() }, &|state: datagen::Progress| {
+        progress.update(state.rows_done, "");
+    })?;
+    if summary.rows_made < summary.rows {
+        progress.say(&format!("{}: {} rows were there already", out.display(), summary.rows - summary.rows_made));
+    }
+    let seconds = progress.finish();
+    write_file(&out.join("config.toml"), toml::to_string(config)?)?;
+    let images_made = summary.images as f64 / summary.rows as f64 * summary.rows_made as f64;
+    Ok(Generated {
+        name: config.name.clone(),
+        rows: summary.rows,
+        images: summary.images,
+        rows_made: summary.rows_made,
+        seconds,
+        images_per_s: images_made / seconds.max(1e-9),
+        peak_rss_mb: peak_rss_mb(),
+        digest: summary.digest,
+    })
+}
+
+fn show(info: &DatasetInfo) {
+    let DatasetInfo { config, .. } = info;
+    let camera = &config.world.camera;
+    println!("dataset   {} ({}), flowservo {}", info.name, config.kind, info.version);
+    println!("rows      {} in {} files, {} images", info.rows, info.files.len(), info.images);
+    println!("size      {:.1} MB", info.bytes() as f64 / 1e6);
+    println!("images    {} x {} pixels, {} degrees wide", camera.width, camera.height, camera.horizontal_fov_deg);
+    println!("seed      {}", config.seed);
+    for motion in &config.motions {
+        println!("motion    {} ({:.0} %)", motion.name, motion.share * 100.0);
+    }
+    println!("digest    {}", info.digest);
+}

@@ -1,0 +1,53 @@
+//! The commands: each reads its configuration, lets a crate do the work, shows how it goes, and prints the result.
+
+mod dataset;
+mod eval;
+mod model;
+mod report;
+mod reproduce;
+mod train;
+
+use crate::cli::{Cli, Command};
+use crate::stop::Stop;
+use anyhow::{Context, Result};
+use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
+
+/// Runs what the command line asks for.
+pub fn run(cli: &Cli) -> Result<()> {
+    if let Some(threads) = cli.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
+        pool.build_global().context("the threads could not be started")?;
+    }
+    let stop = Stop::listen()?;
+    match &cli.command {
+        Command::Reproduce(arguments) => reproduce::run(arguments, &stop, cli.json),
+        Command::Dataset(command) => dataset::run(command, &stop, cli.json),
+        Command::Train(arguments) => train::run(arguments, &stop, cli.json),
+        Command::Eval(arguments) => eval::run(arguments, &stop, cli.json),
+        Command::Model(command) => model::run(command, cli.json),
+    }
+}
+
+/// With `--json`, prints a result as one line on standard output.
+fn print_json(asked: bool, result: &impl Serialize) -> Result<()> {
+    if asked {
+        println!("{}", serde_json::to_string(result)?);
+    }
+    Ok(())
+}
+
+/// Writes a file beside its place and moves it there when it is whole.
+fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let write = || -> Result<()> {
+        std::fs::create_dir_all(folder)?;
+        let mut staged = tempfile::NamedTempFile::new_in(folder)?;
+        staged.write_all(content.as_ref())?;
+        staged.as_file().sync_all()?;
+        staged.persist(path)?;
+        Ok(())
+    };
+    write().with_context(|| format!("{}: cannot be written", path.display()))
+}

@@ -1,0 +1,103 @@
+//! `flowservo model`: the registry of versioned checkpoints.
+
+use super::print_json;
+use crate::cli;
+use crate::config::bad_input;
+use anyhow::{Context, Result, bail};
+use registry::{ModelName, ModelRef, ModelVersion, Published, Pulled, Registry};
+use std::path::{Path, PathBuf};
+
+/// Runs one of the commands.
+pub fn run(command: &cli::Model, json: bool) -> Result<()> {
+    match command {
+        cli::Model::Publish { checkpoint, name, registry } => {
+            let published = publish(&Registry::init(&registry.registry)?, checkpoint, name)?;
+            print_json(json, published.version())
+        }
+        cli::Model::List { registry } => {
+            let models = Registry::open(&registry.registry)?.list()?;
+            for model in &models {
+                let versions: Vec<String> = model.versions.iter().map(ToString::to_string).collect();
+                println!("{}  versions {}", model.name, versions.join(", "));
+            }
+            print_json(json, &models)
+        }
+        cli::Model::Show { model, registry } => {
+            let version = Registry::open(&registry.registry)?.show(&reference(model)?)?;
+            show(&version);
+            print_json(json, &version)
+        }
+        cli::Model::Pull { model, out, registry } => {
+            let pulled = Registry::open(&registry.registry)?.pull(&reference(model)?, out)?;
+            let ModelVersion { name, version, .. } = pulled.version();
+            match &pulled {
+                Pulled::New(_) => println!("{}: {name}@{version}, every digest checked", out.display()),
+                Pulled::AlreadyThere(_) => println!("{} held {name}@{version} already", out.display()),
+            }
+            print_json(json, pulled.version())
+        }
+        cli::Model::Verify { model, registry } => {
+            let asked = model.as_deref().map(reference).transpose()?;
+            let found = Registry::open(&registry.registry)?.verify(asked.as_ref())?;
+            for problem in &found.problems {
+                println!("{problem}");
+            }
+            println!("{} versions, {} files read, {} problems", found.versions, found.blobs, found.problems.len());
+            print_json(json, &found)?;
+            if !found.problems.is_empty() {
+                bail!("{}: the registry is damaged; publish again what is lost", registry.registry.display());
+            }
+            Ok(())
+        }
+    }
+}
+
+fn reference(text: &str) -> Result<ModelRef> {
+    text.parse().map_err(bad_input)
+}
+
+/// Publishes a checkpoint as the next version of a name, and says so.
+pub fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Result<Published> {
+    let name: ModelName = name.parse().map_err(bad_input)?;
+    let provenance = super::train::provenance(checkpoint)?;
+    let published = registry.publish(&name, checkpoint, provenance)?;
+    let ModelVersion { name, version, .. } = published.version();
+    match &published {
+        Published::New(_) => println!("published {name}@{version}"),
+        Published::AlreadyThere(_) => println!("{name}@{version} has this content already; nothing was published"),
+    }
+    Ok(published)
+}
+
+/// The folder of a model that a person names: a checkpoint's folder, or a version in the registry, which is then pulled into
+/// `pulled/` beside the registry's content.
+pub fn checkpoint(model: &str, registry: &Path) -> Result<PathBuf> {
+    let folder = PathBuf::from(model);
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    let unknown = || {
+        let place = registry.display();
+        format!("{model} is neither a checkpoint's folder nor a model in the registry {place}")
+    };
+    let reference: ModelRef = model.parse().map_err(bad_input).with_context(unknown)?;
+    let opened = Registry::open(registry).map_err(bad_input).with_context(unknown)?;
+    let version = opened.show(&reference).map_err(bad_input).with_context(unknown)?;
+    let target = registry.join("pulled").join(format!("{}-{}", version.name, version.version));
+    opened.pull(&reference, &target)?;
+    Ok(target)
+}
+
+fn show(version: &ModelVersion) {
+    let ModelVersion { name, version: number, digest, manifest, .. } = version;
+    println!("{name}@{number}  {digest}");
+    for layer in &manifest.layers {
+        println!("  {:32} {:>12} bytes  {}", layer.path().unwrap_or("?"), layer.size, layer.digest);
+    }
+    for (dataset, digest) in &manifest.lineage.datasets {
+        println!("  trained on {dataset}  {digest}");
+    }
+    for (metric, value) in &manifest.metrics {
+        println!("  {metric} = {value:.4}");
+    }
+}

@@ -1,0 +1,150 @@
+//! `report.html`: what `reproduce` made, on one page.
+
+use super::reproduce::{Reproduced, SystemConfig};
+use super::write_file;
+use crate::progress::Progress;
+use anyhow::Result;
+use ::eval::figures::Figure;
+use ::eval::figures::avoidance_maps::{AvoidanceExample, figure_6};
+use ::eval::figures::final_poses::figure_9;
+use ::eval::figures::pose_error::figure_8;
+use ::eval::figures::snapshots::{self, figure_7};
+use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
+use ::eval::measures::System;
+use ::eval::report::{Report, SessionGroup};
+use ::eval::trace::SessionRecord;
+use ::train::history;
+use ::train::metric::Metrics;
+use ::train::model::AvoidModel;
+use burn::prelude::Device;
+use datagen::Kind;
+use std::path::Path;
+use world::units::{to_deg, to_mm};
+use world::{AvoidanceMap, Environment};
+
+/// Writes the page.
+pub fn write(preset: &str, reproduced: &Reproduced, device: &Device, out: &Path) -> Result<()> {
+    let progress = Progress::start("report", "pages", 1);
+    let report = Report {
+        title: "Visual servoing in a virtual environment: a reproduction".to_owned(),
+        summary: summary(preset, reproduced),
+        facts: facts(preset, reproduced),
+        stages: reproduced.stages.clone(),
+        systems: reproduced.systems.iter().map(|(system, _)| system.clone()).collect(),
+        figures: figures(reproduced, device)?,
+        sessions: reproduced.systems.iter().map(|(s, records)| SessionGroup::of(&s.name, records)).collect(),
+        settings: vec![("config.toml".to_owned(), toml::to_string(&reproduced.config)?)],
+    };
+    write_file(&out.join("report.html"), report.to_html())?;
+    progress.finish();
+    Ok(())
+}
+
+fn summary(preset: &str, reproduced: &Reproduced) -> Vec<String> {
+    let rows: u64 = reproduced.datasets.iter().map(|dataset| dataset.rows).sum();
+    let mut paragraphs = vec![format!(
+        "The preset {preset} generated {} datasets with {rows} examples, trained {} networks, and ran the servo sessions of \
+         Section 6.4: random targets, up to {} obstacles, start in Range 1, goal near the reference 80 mm above the target. \
+         The paper's column stands beside what was measured here; nothing is left out of the means.",
+        reproduced.datasets.len(),
+        reproduced.trained.len(),
+        reproduced.config.evaluation.obstacles.count[1]
+    )];
+    if let Some((System { name, accuracy, conduct }, _)) = reproduced.systems.first() {
+        paragraphs.push(format!(
+            "Over {} sessions, {name} ended {:.2} mm and {:.2} degrees from the goal (norms of the mean errors, as in the \
+             paper, which reports 4.5 mm and 1.6 degrees); the median distance is {:.2} mm, and {} sessions collided.",
+            conduct.sessions,
+            to_mm(accuracy.position_norm()),
+            to_deg(accuracy.orientation_norm()),
+            to_mm(accuracy.position.median),
+            conduct.collided
+        ));
+    }
+    paragraphs
+}
+
+fn facts(preset: &str, reproduced: &Reproduced) -> Vec<(String, String)> {
+    let camera = &reproduced.config.evaluation.world.camera;
+    let facts = [
+        ("preset", preset.to_owned()),
+        ("flowservo", env!("CARGO_PKG_VERSION").to_owned()),
+        ("device", reproduced.device.clone()),
+        ("images", format!("{} x {} pixels", camera.width, camera.height)),
+        ("seed of the sessions", reproduced.config.evaluation.seed.to_string()),
+    ];
+    facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+fn figures(reproduced: &Reproduced, device: &Device) -> Result<Vec<Figure>> {
+    let mut drawn = training_figures(reproduced)?;
+    let environment = Environment::new(&reproduced.config.evaluation.world)?;
+    let (Some(system), Some((_, records))) = (reproduced.config.systems.first(), reproduced.systems.first()) else {
+        return Ok(drawn);
+    };
+    let examples = avoidance_examples(reproduced, system, &environment, records, device)?;
+    if !examples.is_empty() {
+        drawn.push(figure_6(&examples, &environment.measuring_points)?);
+    }
+    if let Some(record) = snapshots::example(records) {
+        drawn.push(figure_7(&environment, record)?);
+        drawn.push(figure_8(record));
+    }
+    drawn.push(figure_9(&environment, records)?);
+    Ok(drawn)
+}
+
+/// A figure for the networks of each kind: their losses are not of one kind.
+fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
+    let mut drawn = Vec::new();
+    for (kind, label) in
+        [(Kind::Approach, "Training of CNN_approach"), (Kind::Avoidance, "Training of CNN_avoid")]
+    {
+        let mut curves = Vec::new();
+        for (name, (folder, _)) in &reproduced.trained {
+            if reproduced.config.training[name].kind == kind {
+                let epochs = history::read(folder)?.iter().map(epoch).collect();
+                curves.push(TrainingCurve { name: name.clone(), epochs });
+            }
+        }
+        if !curves.is_empty() {
+            drawn.push(training_curves(label, &curves));
+        }
+    }
+    Ok(drawn)
+}
+
+fn epoch(record: &::train::fit::EpochRecord) -> Epoch {
+    let (position_error_mm, orientation_error_deg) = match &record.validation {
+        Metrics::Approach(m) => (Some(m.position_error_mm), Some(m.orientation_error_deg)),
+        Metrics::Avoidance(_) => (None, None),
+    };
+    Epoch {
+        epoch: record.epoch,
+        train_loss: record.training_loss,
+        validation_loss: record.validation.loss(),
+        position_error_mm,
+        orientation_error_deg,
+    }
+}
+
+/// What `CNN_avoid` says at the start of the first sessions with obstacles, beside the truth.
+fn avoidance_examples(
+    reproduced: &Reproduced,
+    system: &SystemConfig,
+    environment: &Environment,
+    records: &[SessionRecord],
+    device: &Device,
+) -> Result<Vec<AvoidanceExample>> {
+    let Some((_, trained)) = reproduced.trained.get(&system.avoid) else { return Ok(Vec::new()) };
+    let model = AvoidModel::load(&trained.checkpoint, device)?;
+    let with_obstacles = records.iter().filter(|record| !record.scene.obstacles.is_empty());
+    let example = |record: &SessionRecord| -> Result<AvoidanceExample> {
+        let robot_from_hand = record.robot_from_start;
+        let image = environment.wrist_image(&record.scene, &robot_from_hand);
+        let predicted: AvoidanceMap = model.avoidance_map(&image)?;
+        let truth = environment.avoidance_map(&record.scene, &robot_from_hand);
+        Ok(AvoidanceExample { image, robot_from_hand, predicted, truth })
+    };
+    with_obstacles.take(3).map(example).collect()
+}

@@ -1,0 +1,24 @@
+//! Integration tests: one binary, because every further one would link Burn again.
+
+#![forbid(unsafe_code)]
+
+/// Drives the program in a folder of its own.
+mod support;
+
+/// The house rules that a machine can check.
+mod tidy;
+
+/// Equations (1) to (8) and the ranges of Section 6.2, each against an oracle of its own.
+mod paper;
+
+/// Datasets through the command line.
+mod datasets;
+
+/// Bad input: each case gets a clear error and the right exit code.
+mod bad_input;
+
+/// From datasets to Table 1 and the report, through the command line.
+mod pipeline;
+
+/// The registry through the command line.
+mod models;

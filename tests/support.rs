@@ -1,0 +1,82 @@
+//! A temporary folder, and the program run in it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// A temporary folder to run the program in.
+pub(crate) struct Folder(tempfile::TempDir);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// Runs `flowservo` with these arguments, separated by spaces.
+    pub(crate) fn run(&self, arguments: &str) -> Run {
+        let output = Command::new(env!("CARGO_BIN_EXE_flowservo"))
+            .args(arguments.split_whitespace())
+            .current_dir(self.0.path())
+            .output()
+            .unwrap();
+        Run { arguments: arguments.to_owned(), output }
+    }
+}
+
+/// What a run of the program left behind.
+pub(crate) struct Run {
+    arguments: String,
+    output: Output,
+}
+
+impl Run {
+    pub(crate) fn stdout(&self) -> String {
+        String::from_utf8_lossy(&self.output.stdout).into_owned()
+    }
+
+    pub(crate) fn stderr(&self) -> String {
+        String::from_utf8_lossy(&self.output.stderr).into_owned()
+    }
+
+    /// The run succeeded.
+    #[track_caller]
+    pub(crate) fn ok(self) -> Self {
+        assert!(self.output.status.success(), "flowservo {}\n{}", self.arguments, self.stderr());
+        self
+    }
+
+    /// The run ended with this exit code, no panic, and an error that says all of `words`.
+    #[track_caller]
+    pub(crate) fn fails(&self, code: i32, words: &[&str]) {
+        let stderr = self.stderr();
+        let context = format!("flowservo {}\nexit {:?}\n{stderr}", self.arguments, self.output.status.code());
+        assert_eq!(self.output.status.code(), Some(code), "{context}");
+        assert!(!stderr.contains("panicked"), "{context}");
+        for word in words {
+            assert!(stderr.contains(word), "expected {word:?} in the error of\n{context}");
+        }
+    }
+
+    /// The JSON object on the last line of standard output.
+    #[track_caller]
+    pub(crate) fn json(&self) -> serde_json::Value {
+        let stdout = self.stdout();
+        serde_json::from_str(stdout.lines().last().unwrap_or_default())
+            .unwrap_or_else(|error| panic!("flowservo {}: {error} in\n{stdout}", self.arguments))
+    }
+}
+
+/// The repository's root.
+pub(crate) fn repository() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}

@@ -1,0 +1,148 @@
+//! The house rules of CONTRIBUTING.md that a machine can check.
+
+use crate::support::repository;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A source file and its text.
+struct Source {
+    path: PathBuf,
+    text: String,
+}
+
+impl Source {
+    /// Path below the repository, with `/`.
+    fn name(&self) -> String {
+        self.path.strip_prefix(repository()).unwrap().display().to_string()
+    }
+
+    /// The text before the unit tests.
+    fn code(&self) -> &str {
+        self.text.split("#[cfg(test)]").next().unwrap()
+    }
+}
+
+fn collect(folder: &Path, found: &mut Vec<Source>) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(Source { text: fs::read_to_string(&path).unwrap(), path });
+        }
+    }
+}
+
+/// The sources of the binary and the library crates, without tests and benches.
+fn sources() -> Vec<Source> {
+    let mut found = Vec::new();
+    for folder in ["src", "world/src", "datagen/src", "train/src", "eval/src", "registry/src"] {
+        collect(&repository().join(folder), &mut found);
+    }
+    assert!(found.len() > 40, "only {} source files were found", found.len());
+    found
+}
+
+#[track_caller]
+fn none(what: &str, offenders: &[String]) {
+    assert!(offenders.is_empty(), "{what}:\n  {}", offenders.join("\n  "));
+}
+
+/// Names of source files with a line of code for which `offends` holds.
+fn lines(allowed: impl Fn(&str) -> bool, offends: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut offenders = Vec::new();
+    for source in sources().iter().filter(|source| !allowed(&source.name())) {
+        for (number, line) in source.code().lines().enumerate() {
+            if offends(line) {
+                offenders.push(format!("{}:{}: {}", source.name(), number + 1, line.trim()));
+            }
+        }
+    }
+    offenders
+}
+
+#[test]
+fn no_source_file_is_longer_than_400_lines() {
+    let long = sources().iter().filter(|source| source.code().lines().count() > 400).map(Source::name).collect::<Vec<_>>();
+    none("longer than 400 lines without tests", &long);
+}
+
+#[test]
+fn no_drawers() {
+    let drawers = ["util", "utils", "helper", "helpers", "common", "misc", "base", "types", "manager", "core"];
+    let named = sources().iter().filter(|s| s.path.components().any(|part| {
+        let part = part.as_os_str().to_string_lossy();
+        drawers.contains(&part.trim_end_matches(".rs"))
+    }) && !repository().components().eq(s.path.components())).map(Source::name);
+    none("say what is inside instead", &named.collect::<Vec<_>>());
+}
+
+#[test]
+fn millimetres_and_degrees_stay_at_the_edges() {
+    let edges = ["config", "units", "metric", "table", "report", "accuracy", "paper", "result", "figure", "range",
+                 "placement", "scene", "camera", "hiro", "hand", "card", "curve"];
+    let at_the_edge = |name: &str| edges.iter().any(|edge| name.contains(edge));
+    let offends = |line: &str| {
+        let code = line.split("//").next().unwrap();
+        code.split(|c: char| !c.is_ascii_alphanumeric() && c != '_')
+            .any(|word| (word.ends_with("_mm") || word.ends_with("_deg")) && !word.starts_with("to_"))
+    };
+    none("SI units inside", &lines(at_the_edge, offends));
+}
+
+#[test]
+fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
+    let tests = fs::read_to_string(repository().join("tests/paper.rs")).unwrap();
+    for number in 1..=8 {
+        let citation = format!("Eq. ({number})");
+        // A comment that begins with the equation's number is the equation's place; others may refer to it.
+        let begins = |line: &str| {
+            let comment = line.trim().trim_start_matches('/').trim_start();
+            line.trim().starts_with("//") && (comment.starts_with(&format!("{citation}:")) || comment.starts_with(&format!("{citation},")))
+        };
+        let places = lines(|_| false, begins);
+        assert_eq!(places.len(), 1, "{citation} has to begin one comment, at the code that is it; found {places:?}");
+        assert!(tests.contains(&citation), "tests/paper.rs has no test of {citation}");
+    }
+}
+
+#[test]
+fn one_file_names_a_backend_and_one_names_parry() {
+    let backend = |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
+    none("backends are named in src/device.rs", &lines(|name| name == "src/device.rs", backend));
+    let parry = |line: &str| line.contains("parry3d") || line.contains("glam");
+    none("parry is named in world/src/geometry.rs", &lines(|name| name == "world/src/geometry.rs", parry));
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    let order = ["world", "datagen", "train", "eval"];
+    for (rank, krate) in order.iter().enumerate() {
+        let manifest = fs::read_to_string(repository().join(krate).join("Cargo.toml")).unwrap();
+        for later in order[rank + 1..].iter().chain(&["registry"]) {
+            assert!(!manifest.contains(&format!("{later}.workspace")), "{krate} must not depend on {later}");
+        }
+    }
+    let registry = fs::read_to_string(repository().join("registry/Cargo.toml")).unwrap();
+    for ours in order {
+        assert!(!registry.contains(&format!("{ours}.workspace")), "registry must not depend on {ours}");
+    }
+    let world = fs::read_to_string(repository().join("world/Cargo.toml")).unwrap();
+    for foreign in ["burn", "arrow", "parquet", "rayon"] {
+        assert!(!world.contains(foreign), "world must not depend on {foreign}");
+    }
+}
+
+#[test]
+fn nothing_is_left_for_later() {
+    let marks = ["todo!", "unimplemented!", "allow(dead_code)", "#[ignore", "TODO", "FIXME"];
+    none("finish it or leave it out", &lines(|_| false, |line| marks.iter().any(|mark| line.contains(mark))));
+}
+
+#[test]
+fn libraries_do_not_read_the_clock() {
+    let clock = |line: &str| line.contains("Instant::now") || line.contains("SystemTime::now");
+    let may = |name: &str| name.starts_with("src/") || name.starts_with("eval/");
+    none("a result must not depend on the clock", &lines(may, clock));
+}

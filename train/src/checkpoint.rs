@@ -1,0 +1,201 @@
+//! Checkpoints: all that is needed to use a network, in one directory that is published by rename.
+//!
+//! ```text
+//! model.json            what it is: architecture, meaning of the output, camera, data, metrics, digest of the weights
+//! weights.safetensors   the weights, under readable names
+//! config.toml           the training configuration
+//! training.json         only in `last`: where training stands
+//! optimizer.bpk         only in `last`: the optimizer's moments
+//! ```
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use burn::optim::ModuleOptimizer;
+use burn::tensor::Device;
+use burn_store::{ModuleSnapshot, SafetensorsStore};
+use datagen::publish::digest_of_file;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use world::config::CameraConfig;
+
+use crate::config::{Task, TrainConfig};
+use crate::error::{Error, Result};
+use crate::examples::{Examples, Source};
+use crate::fit::{EpochRecord, Place};
+use crate::network::Network;
+use crate::normalization::Standardization;
+use crate::publish::{self, at};
+
+/// Version of the directory's form.
+const FORMAT: u32 = 1;
+const MODEL: &str = "model.json";
+const WEIGHTS: &str = "weights.safetensors";
+const CONFIG: &str = "config.toml";
+const TRAINING: &str = "training.json";
+const OPTIMIZER: &str = "optimizer.bpk";
+
+/// What `model.json` says: what the weights are, and how to use them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelInfo {
+    /// Version of the directory's form.
+    pub format: u32,
+    /// What was learned, by which network.
+    pub task: Task,
+    /// What brings the output of `CNN_approach` into metres and radians.
+    pub standardization: Option<Standardization>,
+    /// The camera whose images it was trained on.
+    pub camera: CameraConfig,
+    /// The data it was trained on.
+    pub datasets: Vec<Source>,
+    /// Seed of the training.
+    pub seed: u64,
+    /// State of the training when the weights were saved; none before the end of the first epoch.
+    pub epoch: Option<EpochRecord>,
+    /// SHA-256 of the weights' file.
+    pub weights_sha256: String,
+}
+
+/// A network that was read from a directory.
+#[derive(Debug)]
+pub struct Checkpoint {
+    /// Where it was read from.
+    pub directory: PathBuf,
+    /// What it is.
+    pub info: ModelInfo,
+    /// The network with its weights.
+    pub network: Network,
+}
+
+impl Checkpoint {
+    /// Reads a checkpoint. Names the file that is missing, damaged, or of another form or architecture.
+    pub fn load(directory: &Path, device: &Device) -> Result<Self> {
+        let info: ModelInfo = read_json(&directory.join(MODEL))?;
+        if info.format != FORMAT {
+            let problem = format!("it has format {}, and this program reads format {FORMAT}", info.format);
+            return Err(Error::Checkpoint { path: directory.join(MODEL), problem });
+        }
+        let path = directory.join(WEIGHTS);
+        verify(&path, &info.weights_sha256)?;
+        let mut network = Network::new(&info.task, 0, device);
+        let applied = network.load_from(&mut store(&path));
+        let problem = match applied {
+            Ok(applied) if applied.unused.is_empty() => None,
+            Ok(applied) => Some(format!("the network has no place for {:?}", applied.unused)),
+            Err(error) => Some(error.to_string()),
+        };
+        if let Some(problem) = problem {
+            let problem = format!("its weights are not those of the network in {MODEL}: {problem}");
+            return Err(Error::Checkpoint { path, problem });
+        }
+        Ok(Self { directory: directory.to_owned(), info, network })
+    }
+}
+
+impl ModelInfo {
+    /// Of a network that learns, or learned, a task from examples.
+    pub(crate) fn new(task: &Task, examples: &Examples, standardization: Option<&Standardization>) -> Self {
+        Self {
+            format: FORMAT,
+            task: task.clone(),
+            standardization: standardization.cloned(),
+            camera: examples.camera().clone(),
+            datasets: examples.sources().to_vec(),
+            seed: 0,
+            epoch: None,
+            weights_sha256: String::new(),
+        }
+    }
+}
+
+/// What a checkpoint is made of.
+pub(crate) struct Contents<'a> {
+    pub(crate) info: ModelInfo,
+    pub(crate) config: &'a TrainConfig,
+    pub(crate) network: &'a Network,
+    /// Only for resuming.
+    pub(crate) training: Option<(&'a ModuleOptimizer, &'a Place)>,
+}
+
+/// What `training.json` says.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TrainingState {
+    place: Place,
+    optimizer_sha256: String,
+}
+
+impl Contents<'_> {
+    /// Publishes the checkpoint, replacing the one that is there.
+    pub(crate) fn save(self, directory: &Path) -> Result<()> {
+        publish::replace(directory, |inside| self.write(inside))
+    }
+
+    fn write(mut self, inside: &Path) -> Result<()> {
+        let weights = inside.join(WEIGHTS);
+        self.network.save_into(&mut store(&weights)).map_err(|error| cannot_write(&weights, &error))?;
+        self.info.weights_sha256 = digest_of_file(&weights)?;
+        write_json(&inside.join(MODEL), &self.info)?;
+        write_config(&inside.join(CONFIG), self.config)?;
+        let Some((optimizer, place)) = self.training else { return Ok(()) };
+        let moments = inside.join(OPTIMIZER);
+        optimizer.save(&moments).map_err(|error| cannot_write(&moments, &error))?;
+        let optimizer_sha256 = digest_of_file(&moments)?;
+        write_json(&inside.join(TRAINING), &TrainingState { place: place.clone(), optimizer_sha256 })
+    }
+}
+
+/// Reads what only training needs: the optimizer with its moments, and where training stands.
+pub(crate) fn load_training(
+    directory: &Path,
+    optimizer: ModuleOptimizer,
+) -> Result<(ModuleOptimizer, Place)> {
+    let state: TrainingState = read_json(&directory.join(TRAINING))?;
+    let path = directory.join(OPTIMIZER);
+    verify(&path, &state.optimizer_sha256)?;
+    let loaded = optimizer.load(&path);
+    let optimizer = loaded.map_err(|error| Error::Checkpoint { path, problem: error.to_string() })?;
+    Ok((optimizer, state.place))
+}
+
+/// The configuration that a checkpoint was trained with.
+pub(crate) fn load_config(directory: &Path) -> Result<TrainConfig> {
+    let path = directory.join(CONFIG);
+    let text = fs::read_to_string(&path).map_err(at(&path))?;
+    toml::from_str(&text).map_err(|error| Error::Checkpoint { path, problem: error.to_string() })
+}
+
+/// Writes a configuration.
+pub(crate) fn write_config(path: &Path, config: &TrainConfig) -> Result<()> {
+    let text = toml::to_string(config).map_err(|error| cannot_write(path, &error))?;
+    publish::write(path, &text)
+}
+
+/// Weights under the names of the parameters; the file's bytes are a function of the weights alone.
+fn store(path: &Path) -> SafetensorsStore {
+    SafetensorsStore::from_file(path).skip_enum_variants(true).clear_metadata()
+}
+
+fn verify(path: &Path, expected: &str) -> Result<()> {
+    let found = digest_of_file(path)?;
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Digest { path: path.to_owned(), expected: expected.to_owned(), found })
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = fs::read_to_string(path).map_err(at(path))?;
+    serde_json::from_str(&text)
+        .map_err(|error| Error::Checkpoint { path: path.to_owned(), problem: error.to_string() })
+}
+
+fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
+    let text = serde_json::to_string_pretty(value).map_err(|error| cannot_write(path, &error))?;
+    publish::write(path, &(text + "\n"))
+}
+
+fn cannot_write(path: &Path, error: &dyn std::fmt::Display) -> Error {
+    Error::Checkpoint { path: path.to_owned(), problem: format!("cannot be written: {error}") }
+}

@@ -1,0 +1,274 @@
+//! What a file of `configs/train/` says. It is complete: nothing has a default.
+
+use std::path::PathBuf;
+
+use datagen::Kind;
+use serde::{Deserialize, Serialize};
+use toml::Value;
+use world::LabelForm;
+
+use crate::error::{Error, Result};
+use crate::net::{ApproachConfig, AvoidConfig, Symmetry, TrunkKind};
+
+/// One training run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Which network is trained.
+    pub kind: Kind,
+    /// Directories of the datasets; all of them are learned from together.
+    pub datasets: Vec<PathBuf>,
+    /// Decides the initial weights, the validation split and the order of the examples.
+    pub seed: u64,
+    /// Share of each dataset that is held out for validation.
+    pub validation: f64,
+    /// The network.
+    pub network: NetworkConfig,
+    /// How it is fitted.
+    pub optimizer: OptimizerConfig,
+}
+
+/// Architecture. The last three keys belong to `kind = "approach"` alone: there they are needed, elsewhere refused.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkConfig {
+    /// Multiplies the channels of every layer; 1 is the published `FlowNetS`.
+    pub width: f64,
+    /// Width and height of the network's input in pixels. Larger images are averaged down to it.
+    pub input: [usize; 2],
+    /// Width of the two hidden fully connected layers (paper: 2048).
+    pub head: usize,
+    /// What sees the image pair.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trunk: Option<TrunkKind>,
+    /// What swapping the two images does to the output.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub symmetry: Option<Symmetry>,
+    /// What the six numbers of the output mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<LabelForm>,
+}
+
+/// How a network is fitted: `AdamW` with a one-cycle learning rate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OptimizerConfig {
+    /// Passes over the training examples.
+    pub epochs: usize,
+    /// Examples a step.
+    pub batch: usize,
+    /// Peak of the learning rate.
+    pub learning_rate: f64,
+    /// Share of all steps before the peak.
+    pub warmup: f64,
+    /// Decoupled weight decay a step, in units of the learning rate.
+    pub weight_decay: f64,
+    /// Gradients with a greater norm over all parameters are shortened to it.
+    pub gradient_clip: f64,
+}
+
+/// What is learned, and by which network: a configuration whose keys fit together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Task {
+    /// `CNN_approach`: from two images to a pose change.
+    Approach {
+        /// Meaning of the pose change.
+        label: LabelForm,
+        /// Architecture.
+        network: ApproachConfig,
+    },
+    /// `CNN_avoid`: from one image to an avoidance map.
+    Avoidance {
+        /// Architecture.
+        network: AvoidConfig,
+    },
+}
+
+impl Task {
+    /// Which network.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Approach { .. } => Kind::Approach,
+            Self::Avoidance { .. } => Kind::Avoidance,
+        }
+    }
+
+    /// Width and height of the input in pixels.
+    pub fn input(&self) -> [usize; 2] {
+        match self {
+            Self::Approach { network, .. } => network.input,
+            Self::Avoidance { network } => network.input,
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
+        match self {
+            Self::Approach { network, .. } => Ok(network.validate()?),
+            Self::Avoidance { network } => Ok(network.validate()?),
+        }
+    }
+}
+
+impl TrainConfig {
+    /// What is learned. Refuses values that make no training; names the key.
+    pub fn task(&self) -> Result<Task> {
+        self.optimizer.validate()?;
+        require("datasets", !self.datasets.is_empty(), "[]", "at least one directory")?;
+        let share = self.validation;
+        require("validation", share > 0.0 && share <= 0.5, share, "a share above 0 and at most 0.5")?;
+        let NetworkConfig { width, input, head, .. } = self.network;
+        let task = match self.kind {
+            Kind::Approach => {
+                let trunk = self.needed("trunk", self.network.trunk)?;
+                let symmetry = self.needed("symmetry", self.network.symmetry)?;
+                let label = self.needed("label", self.network.label)?;
+                Task::Approach { label, network: ApproachConfig { trunk, symmetry, width, input, head } }
+            }
+            Kind::Avoidance => {
+                self.meaningless("trunk", self.network.trunk.is_some())?;
+                self.meaningless("symmetry", self.network.symmetry.is_some())?;
+                self.meaningless("label", self.network.label.is_some())?;
+                Task::Avoidance { network: AvoidConfig { width, input, head } }
+            }
+        };
+        task.validate()?;
+        Ok(task)
+    }
+
+    /// The first key that another configuration has different, its value there and here. Where the datasets lie does
+    /// not count; what they are is decided by their digests.
+    pub(crate) fn difference(&self, other: &Self) -> Option<[String; 3]> {
+        let values = |config: &Self| {
+            let config = Self { datasets: Vec::new(), ..config.clone() };
+            Value::try_from(config).expect("it was read from TOML")
+        };
+        difference("", &values(other), &values(self))
+    }
+
+    fn needed<T>(&self, key: &'static str, value: Option<T>) -> Result<T> {
+        value.ok_or(Error::KeyOfKind { key, problem: "missing, but needed", kind: self.kind })
+    }
+
+    fn meaningless(&self, key: &'static str, given: bool) -> Result<()> {
+        let problem = "given, but without meaning";
+        if given { Err(Error::KeyOfKind { key, problem, kind: self.kind }) } else { Ok(()) }
+    }
+}
+
+impl OptimizerConfig {
+    fn validate(&self) -> Result<()> {
+        let Self { epochs, batch, learning_rate, warmup, weight_decay, gradient_clip } = *self;
+        require("optimizer.epochs", (1..=100_000).contains(&epochs), epochs, "1 to 100000")?;
+        require("optimizer.batch", (1..=65_536).contains(&batch), batch, "1 to 65536")?;
+        let rate = learning_rate > 0.0 && learning_rate <= 1.0;
+        require("optimizer.learning_rate", rate, learning_rate, "more than 0 and at most 1")?;
+        require("optimizer.warmup", (0.0..1.0).contains(&warmup), warmup, "a share from 0 to less than 1")?;
+        require("optimizer.weight_decay", (0.0..=1.0).contains(&weight_decay), weight_decay, "0 to 1")?;
+        let clip = gradient_clip > 0.0 && gradient_clip.is_finite();
+        require("optimizer.gradient_clip", clip, gradient_clip, "a norm above 0")
+    }
+}
+
+/// Key, first and second value of the first difference.
+fn difference(key: &str, first: &Value, second: &Value) -> Option<[String; 3]> {
+    let (Value::Table(a), Value::Table(b)) = (first, second) else {
+        return (first != second).then(|| [key.to_owned(), first.to_string(), second.to_string()]);
+    };
+    let absent = Value::String("absent".to_owned());
+    a.keys().chain(b.keys()).find_map(|name| {
+        let inner = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+        difference(&inner, a.get(name).unwrap_or(&absent), b.get(name).unwrap_or(&absent))
+    })
+}
+
+fn require(key: &'static str, holds: bool, value: impl ToString, expected: &'static str) -> Result<()> {
+    if holds { Ok(()) } else { Err(Error::Config { key, value: value.to_string(), expected }) }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A run that takes less than a second.
+    pub(crate) fn tiny(kind: Kind) -> TrainConfig {
+        let approach = kind == Kind::Approach;
+        TrainConfig {
+            kind,
+            datasets: vec!["a".into()],
+            seed: 7,
+            validation: 0.25,
+            network: NetworkConfig {
+                width: 0.02,
+                input: [32, 24],
+                head: 16,
+                trunk: approach.then_some(TrunkKind::FlowNetS),
+                symmetry: approach.then_some(Symmetry::Antisymmetric),
+                label: approach.then_some(LabelForm::Twist),
+            },
+            optimizer: OptimizerConfig {
+                epochs: 4,
+                batch: 4,
+                learning_rate: 3e-3,
+                warmup: 0.1,
+                weight_decay: 0.01,
+                gradient_clip: 1.0,
+            },
+        }
+    }
+
+    #[test]
+    fn a_configuration_survives_its_text() {
+        for kind in [Kind::Approach, Kind::Avoidance] {
+            let config = tiny(kind);
+            let text = toml::to_string(&config).unwrap();
+            assert_eq!(toml::from_str::<TrainConfig>(&text).unwrap(), config);
+            assert_eq!(config.task().unwrap().kind(), kind);
+            let misspelt = format!("epoch = 3\n{text}");
+            assert!(toml::from_str::<TrainConfig>(&misspelt).unwrap_err().to_string().contains("`epoch`"));
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let named = |change: fn(&mut TrainConfig)| {
+            let mut config = tiny(Kind::Approach);
+            change(&mut config);
+            config.task().unwrap_err().to_string()
+        };
+        assert!(named(|c| c.validation = 0.0).starts_with("validation = 0:"));
+        assert!(
+            named(|c| c.optimizer.learning_rate = f64::NAN).starts_with("optimizer.learning_rate = NaN:")
+        );
+        assert!(named(|c| c.optimizer.epochs = 0).starts_with("optimizer.epochs = 0:"));
+        assert!(named(|c| c.network.width = -1.0).starts_with("network.width = -1:"));
+        assert!(named(|c| c.network.label = None).starts_with("network.label: missing"));
+        assert!(named(|c| c.kind = Kind::Avoidance).starts_with("network.trunk: given"));
+    }
+
+    #[test]
+    fn a_difference_is_named() {
+        let ours = tiny(Kind::Approach);
+        let mut other = ours.clone();
+        other.datasets = vec!["elsewhere".into()];
+        assert_eq!(ours.difference(&other), None);
+        other.optimizer.batch = 8;
+        assert_eq!(ours.difference(&other), Some(["optimizer.batch", "8", "4"].map(str::to_owned)));
+        other.network.trunk = None;
+        assert_eq!(ours.difference(&other).unwrap()[0], "network.trunk");
+    }
+
+    #[test]
+    fn the_shipped_configurations_are_valid() {
+        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/train");
+        let mut found = 0;
+        for file in std::fs::read_dir(directory).unwrap() {
+            let path = file.unwrap().path();
+            let text = std::fs::read_to_string(&path).unwrap();
+            let config: TrainConfig = toml::from_str(&text).unwrap_or_else(|e| panic!("{path:?}: {e}"));
+            config.task().unwrap_or_else(|e| panic!("{path:?}: {e}"));
+            found += 1;
+        }
+        assert!(found >= 4);
+    }
+}

@@ -1,0 +1,129 @@
+//! From images to a network's input: in training and in use the same way.
+//!
+//! Images larger than the input are averaged over areas, which keeps the sub-pixel position of edges; that position is
+//! the signal that gives sub-millimetre accuracy at small inputs. Bytes are averaged as they are stored, and rounded.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use image::{ImageFormat, RgbImage};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+
+/// Bytes a pixel.
+const COLORS: usize = 3;
+
+/// Bytes of an input of this width and height.
+pub(crate) fn bytes(input: [usize; 2]) -> usize {
+    input[0] * input[1] * COLORS
+}
+
+/// The pixels of an encoded image at the size of the input, row by row, or what is wrong with it.
+pub(crate) fn decode(png: &[u8], input: [usize; 2]) -> std::result::Result<Vec<u8>, String> {
+    let image = image::load_from_memory_with_format(png, ImageFormat::Png).map_err(|e| e.to_string())?;
+    shrink(&image.into_rgb8(), input).map_err(|e| e.to_string())
+}
+
+/// The pixels of an image averaged down to the size of the input, row by row.
+pub(crate) fn shrink(image: &RgbImage, input: [usize; 2]) -> Result<Vec<u8>> {
+    let size = [image.width() as usize, image.height() as usize];
+    if size == input {
+        return Ok(image.as_raw().clone());
+    }
+    let same_aspect = size[0] * input[1] == size[1] * input[0];
+    if !same_aspect || size[0] < input[0] {
+        return Err(Error::ImageSize { image: size, input });
+    }
+    let columns: Vec<_> = (0..input[0]).map(|i| Window::new(i, size[0], input[0])).collect();
+    // Rows first: their sums run over contiguous memory.
+    let mut line = vec![0.0; size[0] * COLORS];
+    let mut pixels = Vec::with_capacity(bytes(input));
+    for i in 0..input[1] {
+        line.fill(0.0);
+        for (row, weight) in Window::new(i, size[1], input[1]).weights() {
+            let row = &image.as_raw()[row * size[0] * COLORS..(row + 1) * size[0] * COLORS];
+            line.iter_mut().zip(row).for_each(|(sum, &byte)| *sum += weight * f32::from(byte));
+        }
+        for column in &columns {
+            for color in 0..COLORS {
+                let mean: f32 = column.weights().map(|(j, weight)| weight * line[j * COLORS + color]).sum();
+                pixels.push(mean.round() as u8);
+            }
+        }
+    }
+    Ok(pixels)
+}
+
+/// The part of a row of `from` pixels that pixel `index` of `to` pixels covers.
+struct Window {
+    begin: f64,
+    end: f64,
+}
+
+impl Window {
+    fn new(index: usize, from: usize, to: usize) -> Self {
+        let edge = |index: usize| (index * from) as f64 / to as f64;
+        Self { begin: edge(index), end: edge(index + 1) }
+    }
+
+    /// The pixels covered, and the share of the window that each makes up.
+    fn weights(&self) -> impl Iterator<Item = (usize, f32)> {
+        let Self { begin, end } = *self;
+        (begin.floor() as usize..end.ceil() as usize).map(move |pixel| {
+            let covered = end.min((pixel + 1) as f64) - begin.max(pixel as f64);
+            (pixel, (covered / (end - begin)) as f32)
+        })
+    }
+}
+
+/// Images as a network takes them, from 0 to 1.
+///
+/// # Shapes
+/// - `images`: each the bytes of one input
+/// - result: `[images, 3, height, width]`; in memory the colors are last
+pub(crate) fn tensor(images: &[&[u8]], [width, height]: [usize; 2], device: &Device) -> Tensor<4> {
+    let mut values = vec![0.0; images.len() * bytes([width, height])];
+    values.par_chunks_exact_mut(bytes([width, height])).zip(images).for_each(|(values, image)| {
+        values.iter_mut().zip(*image).for_each(|(value, &byte)| *value = f32::from(byte) / 255.0);
+    });
+    let data = TensorData::new(values, [images.len(), height, width, COLORS]);
+    Tensor::from_data(data, device).permute([0, 3, 1, 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_of_the_right_size_is_left_as_it_is() {
+        let image = RgbImage::from_fn(4, 3, |x, y| image::Rgb([x as u8, y as u8, 200]));
+        assert_eq!(shrink(&image, [4, 3]).unwrap(), image.into_raw());
+    }
+
+    #[test]
+    fn pixels_are_means_of_areas() {
+        let image = RgbImage::from_fn(4, 4, |x, y| image::Rgb([(10 * x) as u8, (20 * y) as u8, 7]));
+        let expected = [[5, 10, 7], [25, 10, 7], [5, 50, 7], [25, 50, 7]].concat();
+        assert_eq!(shrink(&image, [2, 2]).unwrap(), expected);
+        // Three pixels on two: the middle one is shared. (0 + 60 / 2) / 1.5 = 20, (60 / 2 + 90) / 1.5 = 80.
+        let image = RgbImage::from_fn(3, 3, |x, _| image::Rgb([[0, 60, 90][x as usize]; 3]));
+        assert_eq!(shrink(&image, [2, 2]).unwrap(), [[20; 3], [80; 3], [20; 3], [80; 3]].concat());
+    }
+
+    #[test]
+    fn neither_enlarges_nor_distorts() {
+        let image = RgbImage::new(32, 24);
+        assert!(shrink(&image, [64, 48]).unwrap_err().to_string().contains("32x24 pixels"));
+        assert!(matches!(shrink(&image, [16, 16]), Err(Error::ImageSize { .. })));
+        assert!(decode(b"no image", [32, 24]).is_err());
+    }
+
+    #[test]
+    fn a_tensor_is_channels_first_and_from_0_to_1() {
+        let [a, b]: [Vec<u8>; 2] = [0, 12].map(|first| (first..first + 12).collect());
+        let tensor = tensor(&[&a, &b], [2, 2], &Device::flex());
+        assert_eq!(tensor.dims(), [2, 3, 2, 2]);
+        // Image 1, green, second row, first column: byte 12 + (1 * 2 + 0) * 3 + 1.
+        let value: f32 = tensor.slice([1..2, 1..2, 1..2, 0..1]).into_scalar();
+        assert_eq!(value, 19.0 / 255.0);
+    }
+}

@@ -1,0 +1,254 @@
+//! Trained networks in use: images in, pose changes and avoidance maps out.
+
+use std::path::{Path, PathBuf};
+
+use burn::tensor::Device;
+use datagen::Kind;
+use image::RgbImage;
+use world::avoidance::AvoidanceMap;
+use world::config::CameraConfig;
+use world::{LabelForm, PoseChange};
+
+use crate::camera;
+use crate::checkpoint::{Checkpoint, ModelInfo};
+use crate::config::Task;
+use crate::error::{Error, Result};
+use crate::input;
+use crate::net::{ApproachNet, AvoidNet};
+use crate::network::Network;
+use crate::normalization::Standardization;
+
+/// `CNN_approach`, trained.
+#[derive(Debug)]
+pub struct ApproachModel {
+    network: ApproachNet,
+    label: LabelForm,
+    standardization: Standardization,
+    frame: Frame,
+}
+
+impl ApproachModel {
+    /// Reads a checkpoint.
+    pub fn load(directory: &Path, device: &Device) -> Result<Self> {
+        let Checkpoint { directory, info, network } = Checkpoint::load(directory, &device.clone().inner())?;
+        match (network, &info.task, &info.standardization) {
+            (Network::Approach(network), Task::Approach { label, .. }, Some(standardization)) => Ok(Self {
+                network,
+                label: *label,
+                standardization: standardization.clone(),
+                frame: Frame::new(directory, info, device),
+            }),
+            (Network::Approach(_), ..) => Err(Error::Checkpoint {
+                path: directory,
+                problem: "its model.json lacks the standardization of the output".to_owned(),
+            }),
+            _ => Err(Error::OtherKind { path: directory, found: info.task.kind(), expected: Kind::Approach }),
+        }
+    }
+
+    /// The change of hand pose that makes the current image the goal image: metres, radians, in the form that
+    /// [`label`](Self::label) says.
+    pub fn pose_change(&self, current: &RgbImage, goal: &RgbImage) -> Result<PoseChange> {
+        let [current, goal] = [self.frame.tensor(current)?, self.frame.tensor(goal)?];
+        let output = self.network.forward(current, goal).into_data();
+        let mut values = output.iter::<f32>().map(f64::from);
+        let standardized = std::array::from_fn(|_| values.next().unwrap_or(f64::NAN));
+        Ok(PoseChange::from_array(self.standardization.restore(standardized)))
+    }
+
+    /// What the six numbers mean.
+    pub fn label(&self) -> LabelForm {
+        self.label
+    }
+
+    /// What the checkpoint says about itself.
+    pub fn info(&self) -> &ModelInfo {
+        &self.frame.info
+    }
+
+    /// Refuses a camera that shows the scene differently from the one that the network knows.
+    pub fn require_camera(&self, camera: &CameraConfig) -> Result<()> {
+        self.frame.require_camera(camera)
+    }
+}
+
+/// `CNN_avoid`, trained.
+#[derive(Debug)]
+pub struct AvoidModel {
+    network: AvoidNet,
+    frame: Frame,
+}
+
+impl AvoidModel {
+    /// Reads a checkpoint.
+    pub fn load(directory: &Path, device: &Device) -> Result<Self> {
+        let Checkpoint { directory, info, network } = Checkpoint::load(directory, &device.clone().inner())?;
+        match network {
+            Network::Avoidance(network) => Ok(Self { network, frame: Frame::new(directory, info, device) }),
+            Network::Approach(_) => {
+                Err(Error::OtherKind { path: directory, found: info.task.kind(), expected: Kind::Avoidance })
+            }
+        }
+    }
+
+    /// The avoidance map that the current image shows, each value from 0 to 1.
+    pub fn avoidance_map(&self, current: &RgbImage) -> Result<AvoidanceMap> {
+        let output = self.network.avoidance_map(self.frame.tensor(current)?).into_data();
+        Ok(AvoidanceMap { values: output.iter::<f32>().map(f64::from).collect() })
+    }
+
+    /// What the checkpoint says about itself.
+    pub fn info(&self) -> &ModelInfo {
+        &self.frame.info
+    }
+
+    /// Refuses a camera that shows the scene differently from the one that the network knows.
+    pub fn require_camera(&self, camera: &CameraConfig) -> Result<()> {
+        self.frame.require_camera(camera)
+    }
+}
+
+/// How images get to a network.
+#[derive(Debug)]
+struct Frame {
+    directory: PathBuf,
+    info: ModelInfo,
+    device: Device,
+}
+
+impl Frame {
+    fn new(directory: PathBuf, info: ModelInfo, device: &Device) -> Self {
+        Self { directory, info, device: device.clone().inner() }
+    }
+
+    fn tensor(&self, image: &RgbImage) -> Result<burn::tensor::Tensor<4>> {
+        let input = self.info.task.input();
+        Ok(input::tensor(&[&input::shrink(image, input)?], input, &self.device))
+    }
+
+    fn require_camera(&self, camera: &CameraConfig) -> Result<()> {
+        match camera::difference(&self.info.camera, camera) {
+            None => Ok(()),
+            Some((key, trained, found)) => {
+                Err(Error::OtherCamera { path: self.directory.clone(), key, trained, found })
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::sync::atomic::AtomicBool;
+
+    use image::Rgb;
+    use image::imageops::{FilterType, resize};
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::config::tests::tiny;
+    use crate::examples::tests::squares;
+    use crate::fit::{Run, fit};
+
+    /// A checkpoint after one epoch.
+    fn trained(kind: Kind) -> (TempDir, PathBuf) {
+        let directory = tempfile::tempdir().unwrap();
+        let mut config = tiny(kind);
+        config.optimizer.epochs = 1;
+        let (device, stop) = (Device::flex(), AtomicBool::new(false));
+        let run =
+            Run { config: &config, directory: directory.path(), device: &device, resume: false, stop: &stop };
+        let fitted = fit(&run, &squares(&config.task().unwrap(), 16), &mut |_| ()).unwrap();
+        (directory, fitted.checkpoint)
+    }
+
+    fn stripes(period: u32) -> RgbImage {
+        RgbImage::from_fn(
+            32,
+            24,
+            |x, y| if x / period % 2 == 0 { Rgb([y as u8 * 10, 9, 9]) } else { Rgb([200; 3]) },
+        )
+    }
+
+    #[test]
+    fn the_approach_model_is_antisymmetric_and_takes_larger_images() {
+        let (_directory, checkpoint) = trained(Kind::Approach);
+        let model = ApproachModel::load(&checkpoint, &Device::flex()).unwrap();
+        assert_eq!(model.label(), LabelForm::Twist);
+        let (a, b) = (stripes(4), stripes(5));
+        let there = model.pose_change(&a, &b).unwrap();
+        assert_eq!(there.scaled(-1.0), model.pose_change(&b, &a).unwrap());
+        assert_eq!(model.pose_change(&a, &a).unwrap(), PoseChange::zero());
+        assert!(there.translation.norm() > 0.0);
+        let large = [&a, &b].map(|image| resize(image, 96, 72, FilterType::Nearest));
+        assert_eq!(model.pose_change(&large[0], &large[1]).unwrap(), there);
+        assert!(model.pose_change(&RgbImage::new(40, 24), &b).is_err());
+    }
+
+    #[test]
+    fn what_is_loaded_says_what_was_saved() {
+        let (directory, checkpoint) = trained(Kind::Approach);
+        let device = Device::flex();
+        let [best, last] =
+            [checkpoint, directory.path().join("last")].map(|path| Checkpoint::load(&path, &device));
+        let [best, last] = [best.unwrap(), last.unwrap()];
+        assert_eq!(best.info, last.info);
+        // The metrics were those of the network in training; they are reproduced by the loaded one.
+        let task = tiny(Kind::Approach).task().unwrap();
+        let examples = squares(&task, 16);
+        let split = crate::split::Split::new(7, 0.25, &examples.ranges());
+        let targets = crate::targets::Targets::new(&task, &examples, &split.training).unwrap();
+        let images = crate::batch::Images::of(&examples, &split.validation, &device);
+        let outputs: Vec<f32> = best.network.forward(images).into_data().iter().collect();
+        assert_eq!(targets.metrics(&split.validation, &outputs), best.info.epoch.unwrap().validation);
+        assert_eq!(targets.standardization(), best.info.standardization.as_ref());
+    }
+
+    #[test]
+    fn the_avoid_model_gives_values_from_0_to_1() {
+        let (_directory, checkpoint) = trained(Kind::Avoidance);
+        let model = AvoidModel::load(&checkpoint, &Device::flex()).unwrap();
+        let map = model.avoidance_map(&stripes(3)).unwrap();
+        assert_eq!(map.values.len(), 180);
+        assert!(map.values.iter().all(|value| (0.0..=1.0).contains(value)));
+        let camera = model.info().camera.clone();
+        let vga = CameraConfig { width: 640, height: 480, ..camera.clone() };
+        model.require_camera(&vga).unwrap();
+        let wide = CameraConfig { horizontal_fov_deg: 75.0, ..camera };
+        let error = model.require_camera(&wide).unwrap_err().to_string();
+        assert!(error.contains("horizontal_fov_deg = 60, and this one has 75"), "{error}");
+    }
+
+    #[test]
+    fn a_foreign_or_damaged_checkpoint_is_named() {
+        let (_directory, checkpoint) = trained(Kind::Avoidance);
+        let load = || AvoidModel::load(&checkpoint, &Device::flex());
+        let other = ApproachModel::load(&checkpoint, &Device::flex()).unwrap_err();
+        assert!(matches!(other, Error::OtherKind { found: Kind::Avoidance, .. }), "{other}");
+
+        let model = checkpoint.join("model.json");
+        let text = fs::read_to_string(&model).unwrap();
+        let change = |from: &str, to: &str| fs::write(&model, text.replacen(from, to, 1)).unwrap();
+        change("\"width\": 0.02", "\"width\": 0.04");
+        let error = load().unwrap_err().to_string();
+        assert!(error.contains("weights.safetensors") && error.contains("trunk.layers.0.weight"), "{error}");
+        change("\"format\": 1", "\"format\": 2");
+        assert!(load().unwrap_err().to_string().contains("format 2"));
+        fs::write(&model, &text).unwrap();
+        load().unwrap();
+
+        let weights = checkpoint.join("weights.safetensors");
+        let mut bytes = fs::read(&weights).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(&weights, bytes).unwrap();
+        assert!(matches!(load(), Err(Error::Digest { .. })));
+        fs::remove_file(&weights).unwrap();
+        assert!(load().unwrap_err().to_string().contains("weights.safetensors"));
+        assert!(
+            AvoidModel::load(Path::new("nowhere"), &Device::flex())
+                .unwrap_err()
+                .to_string()
+                .contains("nowhere")
+        );
+    }
+}

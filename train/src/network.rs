@@ -1,0 +1,56 @@
+//! Either network, behind one face for training and checkpoints.
+
+use burn::module::{Module, ModuleMapper, Param, ParamId};
+use burn::tensor::{Device, Tensor};
+
+use crate::batch::Images;
+use crate::config::Task;
+use crate::net::{ApproachNet, AvoidNet};
+
+/// A network with its weights.
+#[derive(Module, Debug)]
+pub enum Network {
+    /// `CNN_approach`.
+    Approach(ApproachNet),
+    /// `CNN_avoid`.
+    Avoidance(AvoidNet),
+}
+
+impl Network {
+    /// The untrained network of a task: a pure function of the seed.
+    pub fn new(task: &Task, seed: u64, device: &Device) -> Self {
+        let network = match task {
+            Task::Approach { network, .. } => Self::Approach(network.init(seed, device)),
+            Task::Avoidance { network } => Self::Avoidance(network.init(seed, device)),
+        };
+        network.map(&mut Numbering { next: 0 })
+    }
+
+    /// # Panics
+    /// If the images are those of the other task.
+    ///
+    /// # Shapes
+    /// - `images`: those of a batch, of the task that the network was made for
+    /// - result: `[batch, outputs]`
+    pub fn forward(&self, images: Images) -> Tensor<2> {
+        match (self, images) {
+            (Self::Approach(network), Images::Pair { current, goal }) => network.forward(current, goal),
+            (Self::Avoidance(network), Images::Single(image)) => network.forward(image),
+            _ => panic!("images of the other task"),
+        }
+    }
+}
+
+/// Numbers the parameters in their order. Burn draws the identity of a parameter at random; numbered, the optimizer's
+/// state, which names parameters by it, fits the same network in another process.
+struct Numbering {
+    next: u64,
+}
+
+impl ModuleMapper for Numbering {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let (_, tensor, mapper) = param.consume();
+        self.next += 1;
+        Param::from_mapped_value(ParamId::from(self.next), tensor, mapper)
+    }
+}

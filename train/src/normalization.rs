@@ -1,0 +1,101 @@
+//! Per-axis standardization of the regression target: networks learn numbers of size one, whatever the units.
+
+use serde::{Deserialize, Serialize};
+
+/// A spread below this (a nanometre, a nanoradian) is rounding: the axis does not vary and is left as it is.
+const CONSTANT: f64 = 1e-9;
+
+/// `standardized = (label - mean) / scale`, computed on the training set and stored with the weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Standardization {
+    /// What becomes zero, per axis; in the label's units.
+    pub mean: Vec<f64>,
+    /// What becomes one, per axis; in the label's units.
+    pub scale: Vec<f64>,
+}
+
+impl Standardization {
+    /// Mean and standard deviation of each axis. `None` if there are no labels or one is not finite.
+    pub fn centered<const N: usize>(labels: &[[f64; N]]) -> Option<Self> {
+        Self::around(mean(labels, |_, value| value), labels)
+    }
+
+    /// Zero mean and the root mean square of each axis, for a network whose output is antisymmetric: any other mean
+    /// would break the symmetry. `None` if there are no labels or one is not finite.
+    pub fn antisymmetric<const N: usize>(labels: &[[f64; N]]) -> Option<Self> {
+        Self::around([0.0; N], labels)
+    }
+
+    fn around<const N: usize>(center: [f64; N], labels: &[[f64; N]]) -> Option<Self> {
+        let variance = mean(labels, |axis, value| (value - center[axis]).powi(2));
+        let scale = variance.map(|v| if v.sqrt() < CONSTANT { 1.0 } else { v.sqrt() });
+        // The mean of no labels is not a number, and what is not finite in a label is not finite here.
+        scale.iter().all(|s| s.is_finite()).then(|| Self { mean: center.to_vec(), scale: scale.to_vec() })
+    }
+
+    /// From a label to what the network learns.
+    ///
+    /// # Panics
+    /// If the label has another number of axes.
+    pub fn standardize<const N: usize>(&self, label: [f64; N]) -> [f64; N] {
+        assert_eq!(N, self.mean.len(), "a label of {N} axes");
+        std::array::from_fn(|i| (label[i] - self.mean[i]) / self.scale[i])
+    }
+
+    /// From what the network says to a label.
+    ///
+    /// # Panics
+    /// If the output has another number of axes.
+    pub fn restore<const N: usize>(&self, standardized: [f64; N]) -> [f64; N] {
+        assert_eq!(N, self.mean.len(), "an output of {N} axes");
+        std::array::from_fn(|i| standardized[i] * self.scale[i] + self.mean[i])
+    }
+}
+
+/// The mean over the labels of a function of (axis, value).
+fn mean<const N: usize>(labels: &[[f64; N]], of: impl Fn(usize, f64) -> f64) -> [f64; N] {
+    std::array::from_fn(|axis| {
+        labels.iter().map(|label| of(axis, label[axis])).sum::<f64>() / labels.len() as f64
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    const LABELS: [[f64; 3]; 4] = [[1.0, -2.0, 7.0], [3.0, 2.0, 7.0], [1.0, -2.0, 7.0], [3.0, 2.0, 7.0]];
+
+    #[test]
+    fn known_moments() {
+        let s = Standardization::centered(&LABELS).unwrap();
+        assert_eq!((s.mean.as_slice(), s.scale.as_slice()), (&[2.0, 0.0, 7.0][..], &[1.0, 2.0, 1.0][..]));
+        assert_relative_eq!(s.standardize([3.0, 2.0, 7.0])[..], [1.0, 1.0, 0.0]);
+        let s = Standardization::antisymmetric(&LABELS).unwrap();
+        assert_eq!(s.mean, [0.0; 3]);
+        assert_relative_eq!(s.scale[0], 5.0_f64.sqrt());
+        assert_relative_eq!(s.scale[2], 7.0);
+        assert_relative_eq!(s.standardize([0.0; 3])[..], [0.0; 3]);
+    }
+
+    #[test]
+    fn restore_inverts_and_serde_keeps() {
+        let s = Standardization::centered(&LABELS).unwrap();
+        let label = [0.3, -0.1, 9.0];
+        for (restored, value) in s.restore(s.standardize(label)).into_iter().zip(label) {
+            assert_relative_eq!(restored, value, epsilon = 1e-15);
+        }
+        let text = serde_json::to_string(&s).unwrap();
+        assert_eq!(serde_json::from_str::<Standardization>(&text).unwrap(), s);
+        assert!(serde_json::from_str::<Standardization>(r#"{"mean": [], "scale": [], "std": []}"#).is_err());
+    }
+
+    #[test]
+    fn refuses_what_has_no_moments() {
+        assert_eq!(Standardization::centered::<3>(&[]), None);
+        assert_eq!(Standardization::antisymmetric(&[[1.0, f64::NAN]]), None);
+        assert_eq!(Standardization::centered(&[[1.0], [f64::INFINITY]]), None);
+    }
+}

@@ -1,0 +1,80 @@
+//! Which examples are learned from, which are held out, and in which order they come: pure functions of the seed.
+
+use std::ops::Range;
+
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+/// Streams of the seed from here on divide the datasets; those below are epochs.
+const DIVISION: u64 = 1 << 32;
+
+/// Numbers of the examples, in ascending order.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Split {
+    /// Learned from.
+    pub training: Vec<usize>,
+    /// Held out.
+    pub validation: Vec<usize>,
+}
+
+impl Split {
+    /// Holds out the same `share` of each dataset, at least one example. `datasets` are the examples of each.
+    pub fn new(seed: u64, share: f64, datasets: &[Range<usize>]) -> Self {
+        let mut split = Self { training: Vec::new(), validation: Vec::new() };
+        for (stream, dataset) in (DIVISION..).zip(datasets) {
+            let shuffled = shuffled(seed, stream, dataset.clone().collect());
+            let held_out = ((dataset.len() as f64 * share).round() as usize).max(1).min(dataset.len());
+            split.validation.extend_from_slice(&shuffled[..held_out]);
+            split.training.extend_from_slice(&shuffled[held_out..]);
+        }
+        split.training.sort_unstable();
+        split.validation.sort_unstable();
+        split
+    }
+
+    /// The training examples in the order of an epoch, numbered from 0.
+    pub fn order(&self, seed: u64, epoch: usize) -> Vec<usize> {
+        // Stream 0 belongs to the initial weights.
+        shuffled(seed, epoch as u64 + 1, self.training.clone())
+    }
+}
+
+fn shuffled(seed: u64, stream: u64, mut examples: Vec<usize>) -> Vec<usize> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(stream);
+    examples.shuffle(&mut random);
+    examples
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_dataset_gives_its_share_and_no_example_is_in_both() {
+        let split = Split::new(3, 0.1, &[0..100, 100..140, 140..143]);
+        let held_out = |range: Range<usize>| split.validation.iter().filter(|&i| range.contains(i)).count();
+        assert_eq!([held_out(0..100), held_out(100..140), held_out(140..143)], [10, 4, 1]);
+        let mut all = [split.training.clone(), split.validation.clone()].concat();
+        all.sort_unstable();
+        assert_eq!(all, (0..143).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn the_seed_alone_decides() {
+        let split = |seed| Split::new(seed, 0.1, &[0..100, 100..140]);
+        assert_eq!(split(3), split(3));
+        assert_ne!(split(3), split(4));
+        assert_eq!(split(3).order(3, 5), split(3).order(3, 5));
+    }
+
+    #[test]
+    fn each_epoch_is_another_permutation() {
+        let split = Split::new(3, 0.1, &[0..100]);
+        let (mut first, second) = (split.order(3, 0), split.order(3, 1));
+        assert_ne!(first, second);
+        first.sort_unstable();
+        assert_eq!(first, split.training);
+    }
+}

@@ -1,0 +1,220 @@
+//! Silhouettes: which part of an image line a face of a body takes up, in closed form.
+//!
+//! An image line is a plane through the camera's centre. What it cuts out of a polygon is an interval bounded by two of the
+//! planes through the centre and an edge; no clipping is needed for what lies beside or behind the camera. The outline of a
+//! sphere or a cylinder, its rims and the cross's borders are roots of quadratics along the line.
+
+use crate::surface::{Quadric, QuadricOnLine};
+use nalgebra::Vector3;
+
+/// An interval of an image line that shows one patch, if nothing stands before it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Strip {
+    /// Left end.
+    pub(crate) from: f64,
+    /// Right end.
+    pub(crate) to: f64,
+    /// Index of the patch.
+    pub(crate) patch: u16,
+}
+
+/// The cross on the upper side, seen by the camera. Its patch follows that of the surface it is on.
+#[derive(Debug, Clone)]
+pub(crate) struct CrossInView {
+    /// The body's axes.
+    pub(crate) axes: [Vector3<f64>; 3],
+    /// The body's centre, along these axes.
+    pub(crate) center: [f64; 3],
+    /// Half of a bar's width.
+    pub(crate) half_width: f64,
+}
+
+impl CrossInView {
+    fn contains(&self, point: &Vector3<f64>) -> bool {
+        let [x, y, z] = [0, 1, 2].map(|i| self.axes[i].dot(point) - self.center[i]);
+        z > 0.0 && (x.abs() < self.half_width || y.abs() < self.half_width)
+    }
+
+    /// The planes that bound the bars, as (normal, distance from the camera).
+    fn borders(&self) -> impl Iterator<Item = (&Vector3<f64>, f64)> {
+        let sides = [-self.half_width, self.half_width];
+        (0..2).flat_map(move |i| sides.map(|side| (&self.axes[i], self.center[i] + side)))
+    }
+}
+
+/// A convex polygon with four edges that faces the camera.
+#[derive(Debug, Clone)]
+pub(crate) struct Face {
+    /// Normals of the planes through the camera and the edges, towards the inside.
+    pub(crate) edges: [Vector3<f64>; 4],
+    /// Its plane: the nearness along a ray is the product with this vector.
+    pub(crate) plane: Vector3<f64>,
+    /// The cross on it.
+    pub(crate) cross: Option<CrossInView>,
+    /// Index of its patch.
+    pub(crate) patch: u16,
+}
+
+impl Face {
+    /// The face with these corners (in cyclic order), or none if it is turned away from the camera or seen edge-on.
+    pub(crate) fn new(corners: &[Vector3<f64>; 4], outward: &Vector3<f64>, patch: u16) -> Option<Self> {
+        let center = (corners[0] + corners[2]) / 2.0;
+        let distance = outward.dot(&center);
+        let edges = [0, 1, 2, 3].map(|i| {
+            let normal = corners[i].cross(&corners[(i + 1) % 4]);
+            if normal.dot(&center) < 0.0 { -normal } else { normal }
+        });
+        (distance < -1e-9).then(|| Self { edges, plane: outward / distance, cross: None, patch })
+    }
+
+    fn strips(&self, line: &mut ImageLine) {
+        let (mut from, mut to) = (line.from, line.to);
+        for edge in &self.edges {
+            let constant = edge.y * line.y + edge.z;
+            let end = -constant / edge.x;
+            if edge.x > 0.0 {
+                from = from.max(end);
+            } else if edge.x < 0.0 {
+                to = to.min(end);
+            } else if constant < 0.0 {
+                return;
+            }
+        }
+        if from >= to {
+            return;
+        }
+        let Some(cross) = &self.cross else {
+            line.strips.push(Strip { from, to, patch: self.patch });
+            return;
+        };
+        line.begin(from, to);
+        line.cut_by_borders(cross, &self.plane);
+        line.classify(|ray| Some(self.patch + u16::from(cross.contains(&(ray / self.plane.dot(ray))))));
+    }
+}
+
+/// A sphere, or a cylinder with at most one of its ends in view.
+#[derive(Debug, Clone)]
+pub(crate) struct Round {
+    /// Its curved surface.
+    pub(crate) quadric: Quadric,
+    /// The cross on a sphere.
+    pub(crate) cross: Option<CrossInView>,
+    /// Index of the curved surface's patch.
+    pub(crate) patch: u16,
+    /// What ends a cylinder; none for a sphere.
+    pub(crate) ends: Option<Ends>,
+}
+
+/// The two ends of a cylinder.
+#[derive(Debug, Clone)]
+pub(crate) struct Ends {
+    /// Axis.
+    pub(crate) axis: Vector3<f64>,
+    /// Where along the axis the cylinder begins and ends, from the camera.
+    pub(crate) along: [f64; 2],
+    /// Plane (see [`Face`]), cross and patch of the end that faces the camera.
+    pub(crate) cap: Option<(Vector3<f64>, Option<CrossInView>, u16)>,
+}
+
+impl Round {
+    fn strips(&self, line: &mut ImageLine) {
+        line.begin(line.from, line.to);
+        let quadric = self.quadric.on_line(line.y);
+        line.cut(quadric.outline());
+        if let Some(ends) = &self.ends {
+            for distance in ends.along {
+                line.cut(quadric.section(&ends.axis, distance));
+            }
+            if let Some((plane, Some(cross), _)) = &ends.cap {
+                line.cut_by_borders(cross, plane);
+            }
+        } else if let Some(cross) = &self.cross {
+            for (normal, distance) in cross.borders() {
+                line.cut(quadric.section(normal, distance));
+            }
+            line.cut(quadric.section(&cross.axes[2], cross.center[2]));
+        }
+        line.classify(|ray| self.patch_on(ray, &quadric));
+    }
+
+    fn patch_on(&self, ray: &Vector3<f64>, quadric: &QuadricOnLine) -> Option<u16> {
+        if let Some(Ends { cap: Some((plane, cross, patch)), .. }) = &self.ends {
+            let nearness = plane.dot(ray);
+            let point = ray / nearness;
+            let off_axis = self.quadric.across * point - self.quadric.center;
+            if nearness > 0.0 && off_axis.norm_squared() < self.quadric.radius * self.quadric.radius {
+                return Some(patch + u16::from(cross.as_ref().is_some_and(|cross| cross.contains(&point))));
+            }
+        }
+        if !self.quadric.is_in_view() || !quadric.is_met(ray.x) {
+            return None;
+        }
+        let point = ray / quadric.nearness(ray.x);
+        if let Some(Ends { axis, along: [bottom, top], .. }) = &self.ends {
+            let along = axis.dot(&point);
+            return (*bottom < along && along < *top).then_some(self.patch);
+        }
+        Some(self.patch + u16::from(self.cross.as_ref().is_some_and(|cross| cross.contains(&point))))
+    }
+}
+
+/// Anything with a silhouette.
+#[derive(Debug, Clone)]
+pub(crate) enum Silhouette {
+    /// A face of a cuboid, or the table.
+    Face(Face),
+    /// A sphere or a cylinder.
+    Round(Round),
+}
+
+/// Strips found on the image line with this y, between the image's left and right border.
+#[derive(Debug, Default)]
+pub(crate) struct ImageLine {
+    pub(crate) y: f64,
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    pub(crate) strips: Vec<Strip>,
+    cuts: Vec<f64>,
+}
+
+impl ImageLine {
+    /// Appends the strips of a silhouette.
+    pub(crate) fn add(&mut self, silhouette: &Silhouette) {
+        match silhouette {
+            Silhouette::Face(face) => face.strips(self),
+            Silhouette::Round(round) => round.strips(self),
+        }
+    }
+
+    fn begin(&mut self, from: f64, to: f64) {
+        self.cuts.clear();
+        self.cuts.extend([from, to]);
+    }
+
+    fn cut(&mut self, roots: [f64; 2]) {
+        let (from, to) = (self.cuts[0], self.cuts[1]);
+        self.cuts.extend(roots.into_iter().filter(|x| from < *x && *x < to));
+    }
+
+    // Where t e·r = d for the point t r of the plane with 1/t = plane·r: a straight line in the image.
+    fn cut_by_borders(&mut self, cross: &CrossInView, plane: &Vector3<f64>) {
+        for (normal, distance) in cross.borders() {
+            let border = normal - plane * distance;
+            self.cut([-(border.y * self.y + border.z) / border.x, f64::NAN]);
+        }
+    }
+
+    /// Between neighboring cuts there is one patch or none: whichever is on the ray through their middle.
+    fn classify(&mut self, patch_on: impl Fn(&Vector3<f64>) -> Option<u16>) {
+        self.cuts.sort_unstable_by(f64::total_cmp);
+        for pair in self.cuts.windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            if from < to
+                && let Some(patch) = patch_on(&Vector3::new(0.5 * (from + to), self.y, 1.0))
+            {
+                self.strips.push(Strip { from, to, patch });
+            }
+        }
+    }
+}

@@ -1,0 +1,386 @@
+//! The renderer against independent oracles: closed-form silhouettes and a brute-force ray caster.
+
+#![allow(missing_docs)]
+
+use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, UnitVector3, Vector3};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use world::config::CameraConfig;
+use world::scene::{Cross, Light, Material, Table};
+use world::{Body, Camera, Renderer, Scene, Shape};
+
+const WHITE: [f64; 3] = [1.0; 3];
+const BLACK: [f64; 3] = [0.0; 3];
+
+/// The same cases every time.
+fn cases(cases: u32) -> ProptestConfig {
+    let rng_seed = RngSeed::Fixed(1);
+    ProptestConfig { cases, rng_seed, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+fn camera(width: u32, height: u32) -> Camera {
+    Camera::new(&CameraConfig { width, height, horizontal_fov_deg: 60.0, behind_hand_mm: 0.0 })
+}
+
+fn body(shape: Shape, position: [f64; 3], turn: [f64; 3], color: [f64; 3]) -> Body {
+    let robot_from_body = Isometry3::new(position.into(), turn.into());
+    Body { shape, robot_from_body, material: Material { color, cross: None } }
+}
+
+fn cuboid(x: f64, y: f64, z: f64) -> Shape {
+    Shape::Cuboid { half_extents: Vector3::new(x, y, z) }
+}
+
+/// A scene of one body in front of black, lit from everywhere, far above a table that is out of sight.
+fn alone(body: Body) -> Scene {
+    Scene {
+        table: Table { center: Point3::new(0.0, 0.0, -1e6), half_size: [1e-3; 2], color: BLACK },
+        target: body,
+        obstacles: Vec::new(),
+        light: Light { towards_light: Vector3::z_axis(), ambient: 1.0 },
+        background: BLACK,
+    }
+}
+
+/// A camera that looks from one point to another, its image's right side horizontal.
+fn looking(from: [f64; 3], to: [f64; 3]) -> Isometry3<f64> {
+    let (from, to): (Point3<f64>, Point3<f64>) = (from.into(), to.into());
+    let turn = UnitQuaternion::face_towards(&(to - from), &Vector3::new(1e-3, 0.0, -1.0));
+    Isometry3::from_parts(from.coords.into(), turn)
+}
+
+/// Two cuboids, two cylinders and a sphere on a table, with crosses on three of them; some hide others.
+fn busy_scene() -> Scene {
+    let grey = [0.45, 0.45, 0.47];
+    let mut scene = Scene {
+        table: Table {
+            center: Point3::new(0.4, 0.18, -0.02),
+            half_size: [0.3, 0.25],
+            color: [0.62, 0.5, 0.36],
+        },
+        target: body(cuboid(0.03, 0.02, 0.02), [0.36, 0.18, 0.0], [0.0, 0.0, 0.3], [0.95; 3]),
+        obstacles: vec![
+            body(Shape::Cylinder { radius: 0.02, half_height: 0.03 }, [0.41, 0.16, 0.01], [0.0; 3], grey),
+            body(cuboid(0.02, 0.03, 0.03), [0.34, 0.24, 0.01], [0.0, 0.0, 0.7], grey),
+            body(Shape::Sphere { radius: 0.025 }, [0.31, 0.15, 0.005], [0.0; 3], [0.9, 0.8, 0.2]),
+            body(
+                Shape::Cylinder { radius: 0.015, half_height: 0.05 },
+                [0.38, 0.1, 0.1],
+                [1.2, 0.3, 0.0],
+                grey,
+            ),
+        ],
+        light: Light {
+            towards_light: UnitVector3::new_normalize(Vector3::new(0.3, -0.4, 1.0)),
+            ambient: 0.5,
+        },
+        background: [0.2, 0.22, 0.25],
+    };
+    let cross = Some(Cross { color: [0.85, 0.1, 0.1], width: 0.01 });
+    scene.target.material.cross = cross;
+    scene.obstacles[0].material.cross = cross;
+    scene.obstacles[2].material.cross = cross;
+    scene
+}
+
+// ---- A ray caster ----
+
+struct Hit {
+    z: f64,
+    instance: u16,
+    color: [f64; 3],
+}
+
+/// Where a ray enters a shape in its own frame, and the normal there.
+fn enter(shape: &Shape, origin: &Vector3<f64>, ray: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
+    let slab = |i: usize, half: f64| {
+        let ends = [(-half - origin[i]) / ray[i], (half - origin[i]) / ray[i]];
+        let mut normal = Vector3::zeros();
+        normal[i] = -ray[i].signum();
+        (ends[0].min(ends[1]), ends[0].max(ends[1]), normal)
+    };
+    let round = |a: Vector3<f64>, o: Vector3<f64>, radius: f64| {
+        let (b, root) =
+            (a.dot(&o), a.dot(&o).powi(2) - a.norm_squared() * (o.norm_squared() - radius * radius));
+        let ends = [-1.0, 1.0].map(|sign| (-b + sign * root.sqrt()) / a.norm_squared());
+        (ends[0], ends[1], (o + a * ends[0]) / radius)
+    };
+    let flat = |v: &Vector3<f64>| Vector3::new(v.x, v.y, 0.0);
+    let parts = match *shape {
+        Shape::Cuboid { half_extents } => (0..3).map(|i| slab(i, half_extents[i])).collect(),
+        Shape::Sphere { radius } => vec![round(*ray, *origin, radius)],
+        Shape::Cylinder { radius, half_height } => {
+            vec![round(flat(ray), flat(origin), radius), slab(2, half_height)]
+        }
+    };
+    let first = parts.iter().copied().reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    let leave = parts.iter().map(|part| part.1).fold(f64::INFINITY, f64::min);
+    let is_hit = parts.iter().all(|part| part.0.is_finite()) && 0.0 < first.0 && first.0 < leave;
+    is_hit.then_some((first.0, first.2))
+}
+
+fn cast(scene: &Scene, robot_from_camera: &Isometry3<f64>, ray: &Vector3<f64>) -> Hit {
+    let mut nearest = Hit { z: f64::INFINITY, instance: 0, color: scene.background };
+    let (origin, ray) = (robot_from_camera.translation.vector, robot_from_camera * ray);
+    let lit = |color: [f64; 3], normal: &Vector3<f64>| color.map(|c| c * scene.light.on(normal));
+    let z = (scene.table.height() - origin.z) / ray.z;
+    let aside = origin + ray * z - scene.table.center.coords;
+    let [x, y] = scene.table.half_size;
+    if z > 0.0 && origin.z > scene.table.height() && aside.x.abs() < x && aside.y.abs() < y {
+        nearest = Hit { z, instance: 0, color: lit(scene.table.color, &Vector3::z()) };
+    }
+    for (body, instance) in scene.bodies().zip(1..) {
+        let pose = body.robot_from_body;
+        let local =
+            [pose.inverse_transform_point(&origin.into()).coords, pose.inverse_transform_vector(&ray)];
+        let Some((z, normal)) = enter(&body.shape, &local[0], &local[1]) else { continue };
+        if z >= nearest.z {
+            continue;
+        }
+        let point = local[0] + local[1] * z;
+        let is_upper = match body.shape {
+            Shape::Sphere { .. } => point.z > 0.0,
+            _ => normal.z > 0.5,
+        };
+        let in_cross = |cross: &Cross| is_upper && point.x.abs().min(point.y.abs()) < cross.width / 2.0;
+        let color = match body.material.cross {
+            Some(cross) if in_cross(&cross) => cross.color,
+            _ => body.material.color,
+        };
+        nearest = Hit { z, instance, color: lit(color, &(pose * normal)) };
+    }
+    nearest
+}
+
+/// Mean and greatest difference to the color image by `samples` x `samples` rays a pixel, in steps of 1/255.
+fn compare(camera: &Camera, scene: &Scene, pose: &Isometry3<f64>, samples: u32) -> (f64, f64) {
+    let image = Renderer::new(camera.clone()).color(scene, pose);
+    let (mut sum, mut greatest) = (0.0, 0.0f64);
+    for (u, v, pixel) in image.enumerate_pixels() {
+        let mut mean = Vector3::zeros();
+        for i in 0..samples * samples {
+            let at = |k: u32| (f64::from(k) + 0.5) / f64::from(samples);
+            let place = Point2::new(f64::from(u) + at(i % samples), f64::from(v) + at(i / samples));
+            mean += Vector3::from(cast(scene, pose, &camera.ray(&place)).color);
+        }
+        mean *= 255.0 / f64::from(samples * samples);
+        for (value, expected) in pixel.0.iter().zip(mean.iter()) {
+            let difference = (f64::from(*value) - expected).abs();
+            sum += difference;
+            greatest = greatest.max(difference);
+        }
+    }
+    (sum / image.len() as f64, greatest)
+}
+
+fn views() -> impl Strategy<Value = Isometry3<f64>> {
+    ((0.2..0.5f64, 0.0..0.35f64, 0.12..0.4f64), (0.3..0.42f64, 0.1..0.25f64, -0.02..0.02f64), -3.0..3.0f64)
+        .prop_map(|(from, to, roll)| {
+            looking(from.into(), to.into()) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll)
+        })
+}
+
+proptest! {
+    #![proptest_config(cases(12))]
+
+    // 16 x 16 samples themselves are off by up to 1/32 of a pixel's area along a straight edge.
+    #[test]
+    fn an_image_is_what_rays_see(pose in views()) {
+        let (mean, greatest) = compare(&camera(64, 48), &busy_scene(), &pose, 16);
+        prop_assert!(mean < 0.4, "mean {mean}");
+        prop_assert!(greatest < 8.0, "greatest {greatest}");
+    }
+
+    #[test]
+    fn depth_and_instance_are_those_of_the_ray_through_the_pixel_centre(pose in views()) {
+        let (camera, scene) = (camera(96, 72), busy_scene());
+        let frame = Renderer::new(camera.clone()).frame(&scene, &pose);
+        for (i, (&depth, &instance)) in frame.depth.iter().zip(&frame.instance).enumerate() {
+            let pixel = Point2::new((i % 96) as f64 + 0.5, (i / 96) as f64 + 0.5);
+            let hit = cast(&scene, &pose, &camera.ray(&pixel));
+            prop_assert_eq!(instance, hit.instance, "pixel {}", pixel);
+            let both_see_nothing = depth.is_infinite() && hit.z.is_infinite();
+            let is_same = both_see_nothing || (f64::from(depth) / hit.z - 1.0).abs() < 1e-6;
+            prop_assert!(is_same, "pixel {}: {} instead of {}", pixel, depth, hit.z);
+        }
+    }
+}
+
+// ---- Silhouettes ----
+
+/// The convex hull of image points (Andrew's monotone chain).
+fn hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let half = |points: &mut dyn Iterator<Item = Point2<f64>>| {
+        let mut chain: Vec<Point2<f64>> = Vec::new();
+        for point in points {
+            while let [.., a, b] = chain[..]
+                && (b - a).perp(&(point - b)) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(point);
+        }
+        chain.pop();
+        chain
+    };
+    let mut all = half(&mut points.iter().copied());
+    all.extend(half(&mut points.iter().rev().copied()));
+    all
+}
+
+/// Area and centroid by the shoelace formula.
+fn area_and_centroid(polygon: &[Point2<f64>]) -> (f64, Point2<f64>) {
+    let (mut area, mut moment) = (0.0, nalgebra::Vector2::zeros());
+    for (i, a) in polygon.iter().enumerate() {
+        let b = polygon[(i + 1) % polygon.len()];
+        let cross = a.coords.perp(&b.coords);
+        area += cross / 2.0;
+        moment += (a.coords + b.coords) * cross / 6.0;
+    }
+    (area, Point2::from(moment / area))
+}
+
+/// The area that a convex polygon has in common with a pixel.
+fn coverage(polygon: &[Point2<f64>], u: f64, v: f64) -> f64 {
+    let mut rest = polygon.to_vec();
+    for (axis, bound, sign) in [(0, u, 1.0), (0, u + 1.0, -1.0), (1, v, 1.0), (1, v + 1.0, -1.0)] {
+        let inside = |p: &Point2<f64>| sign * (p[axis] - bound);
+        let whole = std::mem::take(&mut rest);
+        for (i, a) in whole.iter().enumerate() {
+            let b = whole[(i + 1) % whole.len()];
+            if inside(a) >= 0.0 {
+                rest.push(*a);
+            }
+            if (inside(a) >= 0.0) != (inside(&b) >= 0.0) {
+                rest.push(a + (b - a) * (inside(a) / (inside(a) - inside(&b))));
+            }
+        }
+    }
+    if rest.is_empty() { 0.0 } else { area_and_centroid(&rest).0 }
+}
+
+/// Points whose images have the body's outline as their hull.
+fn outline(body: &Body, pose: &Isometry3<f64>, camera: &Camera) -> Vec<Point2<f64>> {
+    let camera_from_body = pose.inverse() * body.robot_from_body;
+    let circle = |i: i32| (f64::from(i) * std::f64::consts::TAU / 600.0).sin_cos();
+    let points: Vec<Point3<f64>> = match body.shape {
+        Shape::Cuboid { half_extents: h } => (0..8)
+            .map(|i| {
+                Point3::from(
+                    Vector3::from([1, 2, 4].map(|bit| if i & bit == 0 { -1.0 } else { 1.0 }))
+                        .component_mul(&h),
+                )
+            })
+            .collect(),
+        Shape::Cylinder { radius, half_height } => (0..600)
+            .flat_map(|i| {
+                [-half_height, half_height]
+                    .map(|z| Point3::new(radius * circle(i).0, radius * circle(i).1, z))
+            })
+            .collect(),
+        // The circle in which rays touch the sphere.
+        Shape::Sphere { radius } => {
+            let to_eye = camera_from_body.inverse().translation.vector;
+            let share = radius * radius / to_eye.norm_squared();
+            let p = to_eye.cross(&Vector3::new(0.3, 0.5, 0.8)).normalize();
+            let q = to_eye.normalize().cross(&p);
+            let reach = radius * (1.0 - share).sqrt();
+            (0..600)
+                .map(|i| Point3::from(to_eye * share + (p * circle(i).0 + q * circle(i).1) * reach))
+                .collect()
+        }
+    };
+    hull(
+        points
+            .iter()
+            .map(|point| camera.project(&(camera_from_body * point)).expect("in front of the camera"))
+            .collect(),
+    )
+}
+
+fn shapes() -> impl Strategy<Value = Shape> {
+    let side = || 0.005..0.05f64;
+    prop_oneof![
+        (side(), side(), side()).prop_map(|(x, y, z)| cuboid(x, y, z)),
+        (side(), side()).prop_map(|(radius, half_height)| Shape::Cylinder { radius, half_height }),
+        side().prop_map(|radius| Shape::Sphere { radius }),
+    ]
+}
+
+proptest! {
+    #![proptest_config(cases(32))]
+
+    #[test]
+    fn a_pixel_is_as_bright_as_the_share_of_it_that_the_body_covers(
+        shape in shapes(),
+        turn in prop::array::uniform3(-3.0..3.0f64),
+        eye in (-0.1..0.1f64, -0.1..0.1f64, 0.2..0.4f64),
+    ) {
+        let (camera, scene) = (camera(160, 120), alone(body(shape, [0.0; 3], turn, WHITE)));
+        let pose = looking(eye.into(), [0.01, 0.0, 0.0]);
+        let image = Renderer::new(camera.clone()).color(&scene, &pose);
+        let outline = outline(&scene.target, &pose, &camera);
+        for (u, v, pixel) in image.enumerate_pixels() {
+            let expected = 255.0 * coverage(&outline, f64::from(u), f64::from(v));
+            // Half a step of rounding; a curved outline may be off by another half.
+            let tolerance = if matches!(shape, Shape::Cuboid { .. }) { 0.501 } else { 1.0 };
+            let difference = (f64::from(pixel[0]) - expected).abs();
+            prop_assert!(difference < tolerance, "({u}, {v}) is {} instead of {expected}", pixel[0]);
+        }
+    }
+
+    #[test]
+    fn no_view_is_too_close(eye in (0.25..0.48f64, 0.05..0.3f64, -0.03..0.12f64), to in views()) {
+        let (camera, scene) = (camera(48, 36), busy_scene());
+        let pose = Isometry3::from_parts(Point3::from(<[f64; 3]>::from(eye)).coords.into(), to.rotation);
+        let frame = Renderer::new(camera.clone()).frame(&scene, &pose);
+        for (i, &instance) in frame.instance.iter().enumerate() {
+            let pixel = Point2::new((i % 48) as f64 + 0.5, (i / 48) as f64 + 0.5);
+            prop_assert_eq!(instance, cast(&scene, &pose, &camera.ray(&pixel)).instance, "pixel {}", pixel);
+        }
+        let (mean, _) = compare(&camera, &scene, &pose, 4);
+        prop_assert!(mean < 2.0, "mean {mean}");
+    }
+}
+
+#[test]
+fn a_tenth_of_a_pixel_moves_the_image_by_a_tenth_of_a_pixel() {
+    for shape in [cuboid(0.03, 0.02, 0.02), Shape::Cylinder { radius: 0.02, half_height: 0.03 }] {
+        let scene = alone(body(shape, [0.0; 3], [0.2, 0.1, 0.9], WHITE));
+        let pose = looking([0.02, -0.05, 0.3], [0.0; 3]);
+        let centroid = |shift: f64| {
+            let mut camera = camera(128, 96);
+            camera.center += nalgebra::Vector2::new(shift, 2.0 * shift);
+            let image = Renderer::new(camera).color(&scene, &pose);
+            let (mut sum, mut moment) = (0.0, nalgebra::Vector2::zeros());
+            for (u, v, pixel) in image.enumerate_pixels() {
+                sum += f64::from(pixel[0]);
+                moment += nalgebra::Vector2::new(f64::from(u), f64::from(v)) * f64::from(pixel[0]);
+            }
+            moment / sum
+        };
+        for step in 1..=10 {
+            let shift = 0.1 * f64::from(step);
+            let moved = centroid(shift) - centroid(0.0);
+            assert!((moved - nalgebra::Vector2::new(shift, 2.0 * shift)).norm() < 2e-3, "{shape:?}: {moved}");
+        }
+    }
+}
+
+#[test]
+fn bodies_that_stand_in_each_other_meet_in_a_line() {
+    let mut scene = busy_scene();
+    scene.obstacles.push(body(cuboid(0.02, 0.02, 0.06), [0.33, 0.16, 0.0], [0.5, 0.2, 0.1], [0.1, 0.7, 0.3]));
+    scene.obstacles.push(body(
+        Shape::Cylinder { radius: 0.015, half_height: 0.08 },
+        [0.36, 0.2, 0.0],
+        [0.9, 0.5, 0.0],
+        [0.2, 0.4, 0.9],
+    ));
+    for eye in [[0.5, 0.0, 0.25], [0.1, 0.2, 0.2], [0.36, 0.18, 0.35]] {
+        let pose = looking(eye, [0.35, 0.18, 0.0]);
+        let (mean, greatest) = compare(&camera(96, 72), &scene, &pose, 16);
+        assert!(mean < 0.4 && greatest < 16.0, "mean {mean}, greatest {greatest}");
+    }
+}
