@@ -7,21 +7,21 @@ use std::path::PathBuf;
 /// Learned visual servoing in virtual environments: datasets, networks, servo sessions, and the paper's tables.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 110, arg_required_else_help = true)]
-pub struct Cli {
+pub(crate) struct Cli {
     /// What to do.
     #[command(subcommand)]
-    pub command: Command,
+    pub(crate) command: Command,
     /// Threads to compute with; all cores by default. Results do not depend on it.
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
-    pub threads: Option<u16>,
+    pub(crate) threads: Option<u16>,
     /// Print one JSON object on the last line of standard output.
     #[arg(long, global = true)]
-    pub json: bool,
+    pub(crate) json: bool,
 }
 
 /// The commands.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub(crate) enum Command {
     /// Run everything: data, training, servo sessions, tables and report.html.
     #[command(after_help = "Example: flowservo reproduce --preset quick")]
     Reproduce(Reproduce),
@@ -29,7 +29,9 @@ pub enum Command {
     #[command(subcommand)]
     Dataset(Dataset),
     /// Train a network.
-    #[command(after_help = "Example: flowservo train configs/train/approach.toml --out runs/approach --set optimizer.epochs=4")]
+    #[command(
+        after_help = "Example: flowservo train configs/train/approach.toml --out runs/approach --set optimizer.epochs=4"
+    )]
     Train(Train),
     /// Run servo sessions and print Table 1.
     #[command(after_help = "Example: flowservo eval configs/eval/table1.toml --approach runs/approach/best \
@@ -42,37 +44,37 @@ pub enum Command {
 
 /// A configuration file and what is changed in it.
 #[derive(Debug, Args)]
-pub struct ConfigArgs {
+pub(crate) struct ConfigArgs {
     /// The configuration, a TOML file.
-    pub config: PathBuf,
+    pub(crate) config: PathBuf,
     /// Change one key of the configuration; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
+    pub(crate) overrides: Vec<String>,
 }
 
 /// `reproduce`
 #[derive(Debug, Args)]
-pub struct Reproduce {
+pub(crate) struct Reproduce {
     /// How much of everything.
     #[arg(long, value_enum, default_value = "quick")]
-    pub preset: Preset,
+    pub(crate) preset: Preset,
     /// Folder of the configurations.
     #[arg(long, default_value = "configs")]
-    pub configs: PathBuf,
+    pub(crate) configs: PathBuf,
     /// Where to write; runs/PRESET by default.
     #[arg(long)]
-    pub out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Change one key of the preset, as training.approach.optimizer.epochs=3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
+    pub(crate) overrides: Vec<String>,
     /// Where to train.
     #[arg(long, value_enum, default_value = "auto")]
-    pub device: DeviceChoice,
+    pub(crate) device: DeviceChoice,
 }
 
 /// A size of `reproduce`.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum Preset {
+pub(crate) enum Preset {
     /// Minutes on two CPU cores.
     Quick,
     /// All 52,000 examples with the small network: hours on a CPU.
@@ -83,7 +85,7 @@ pub enum Preset {
 
 impl Preset {
     /// Its name on the command line and in `configs/reproduce`.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Quick => "quick",
             Self::Cpu => "cpu",
@@ -94,9 +96,11 @@ impl Preset {
 
 /// `dataset`
 #[derive(Debug, Subcommand)]
-pub enum Dataset {
+pub(crate) enum Dataset {
     /// Sample, render and write a dataset.
-    #[command(after_help = "Example: flowservo dataset generate configs/datasets/a.toml --out runs/data/a --set count=4000")]
+    #[command(
+        after_help = "Example: flowservo dataset generate configs/datasets/a.toml --out runs/data/a --set count=4000"
+    )]
     Generate {
         /// The dataset's configuration.
         #[command(flatten)]
@@ -121,58 +125,58 @@ pub enum Dataset {
 
 /// `train`
 #[derive(Debug, Args)]
-pub struct Train {
+pub(crate) struct Train {
     /// The training configuration.
     #[command(flatten)]
-    pub config: ConfigArgs,
+    pub(crate) config: ConfigArgs,
     /// A dataset's folder, in the place of those in the configuration; may be repeated.
     #[arg(long)]
-    pub data: Vec<PathBuf>,
+    pub(crate) data: Vec<PathBuf>,
     /// Folder of the run: checkpoints and metrics.
     #[arg(long)]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Go on where an interrupted run stopped.
     #[arg(long)]
-    pub resume: bool,
+    pub(crate) resume: bool,
     /// Where to train.
     #[arg(long, value_enum, default_value = "auto")]
-    pub device: DeviceChoice,
+    pub(crate) device: DeviceChoice,
 }
 
 /// `eval`
 #[derive(Debug, Args)]
-pub struct Eval {
+pub(crate) struct Eval {
     /// The evaluation's configuration.
     #[command(flatten)]
-    pub config: ConfigArgs,
+    pub(crate) config: ConfigArgs,
     /// `CNN_approach` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, or oracle.
     #[arg(long, value_name = "MODEL")]
-    pub approach: Option<String>,
+    pub(crate) approach: Option<String>,
     /// `CNN_avoid` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, or oracle.
     #[arg(long, value_name = "MODEL")]
-    pub avoid: Option<String>,
+    pub(crate) avoid: Option<String>,
     /// Folder for tables and sessions.
     #[arg(long)]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Where to run the networks.
     #[arg(long, value_enum, default_value = "auto")]
-    pub device: DeviceChoice,
+    pub(crate) device: DeviceChoice,
     /// The registry.
     #[command(flatten)]
-    pub registry: RegistryArgs,
+    pub(crate) registry: RegistryArgs,
 }
 
 /// Where the registry is.
 #[derive(Debug, Args)]
-pub struct RegistryArgs {
+pub(crate) struct RegistryArgs {
     /// Folder of the model registry.
     #[arg(long, value_name = "DIR", default_value = "models")]
-    pub registry: PathBuf,
+    pub(crate) registry: PathBuf,
 }
 
 /// `model`
 #[derive(Debug, Subcommand)]
-pub enum Model {
+pub(crate) enum Model {
     /// Publish a checkpoint as the next version of a name.
     #[command(after_help = "Example: flowservo model publish runs/approach/best approach")]
     Publish {

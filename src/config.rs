@@ -12,7 +12,7 @@ use toml::{Table, Value};
 
 /// Bad usage or a bad configuration: exit code 2, where other failures are 1.
 #[derive(Debug)]
-pub struct BadInput(String);
+pub(crate) struct BadInput(String);
 
 impl fmt::Display for BadInput {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -23,21 +23,21 @@ impl fmt::Display for BadInput {
 impl std::error::Error for BadInput {}
 
 /// Marks an error as the user's input.
-pub fn bad_input(error: impl fmt::Display) -> anyhow::Error {
+pub(crate) fn bad_input(error: impl fmt::Display) -> anyhow::Error {
     // The alternate form prints a chain of causes in one line.
     anyhow!(BadInput(format!("{error:#}")))
 }
 
 /// A configuration with everything that it extends, before it is given a type.
 #[derive(Debug, Clone)]
-pub struct Config {
+pub(crate) struct Config {
     path: PathBuf,
     table: Table,
 }
 
 impl Config {
     /// Reads and resolves a file, then applies `--set`.
-    pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
+    pub(crate) fn load(path: &Path, overrides: &[String]) -> Result<Self> {
         let resolve = || -> Result<Table> {
             let mut table = read(path, &mut Vec::new())?;
             for assignment in overrides {
@@ -49,13 +49,17 @@ impl Config {
     }
 
     /// Gives the configuration its type: every key must be known and present.
-    pub fn parse<T: DeserializeOwned>(&self) -> Result<T> {
+    pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T> {
         let parsed: Result<T, toml::de::Error> = T::deserialize(self.table.clone());
-        parsed.map_err(|error| bad_input(format!("{}: {}", self.path.display(), error.to_string().trim_end())))
+        parsed
+            .map_err(|error| bad_input(format!("{}: {}", self.path.display(), error.to_string().trim_end())))
     }
 
     /// Adds the file's name to an error of its values.
-    pub fn check<T, E: std::error::Error + Send + Sync + 'static>(&self, result: Result<T, E>) -> Result<T> {
+    pub(crate) fn check<T, E: std::error::Error + Send + Sync + 'static>(
+        &self,
+        result: Result<T, E>,
+    ) -> Result<T> {
         result.map_err(|error| bad_input(anyhow!(error).context(self.path.display().to_string())))
     }
 }
@@ -65,7 +69,8 @@ fn read(path: &Path, opened: &mut Vec<PathBuf>) -> Result<Table> {
     if opened.contains(&here) {
         bail!("{}: extends itself", path.display());
     }
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let table: Table = text.parse().map_err(|error| anyhow!("{}: {error}", path.display()))?;
     opened.push(here);
     let resolved = extend(table, path, opened);
@@ -176,7 +181,8 @@ mod tests {
 
     #[test]
     fn set_changes_one_key_also_within_an_array() {
-        let main = ("main.toml", "count = 1\nname = 'x'\n[[motions]]\nshare = 0.5\n[[motions]]\nshare = 0.5\n");
+        let main =
+            ("main.toml", "count = 1\nname = 'x'\n[[motions]]\nshare = 0.5\n[[motions]]\nshare = 0.5\n");
         let table = resolved(&[main], &["count=4000", "motions.1.share=0.25", "name=y-z"]).unwrap();
         let expected = "count = 4000\nname = 'y-z'\nmotions = [{ share = 0.5 }, { share = 0.25 }]";
         assert_eq!(table, expected.parse().unwrap());

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 
 /// What `--device` takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DeviceChoice {
+pub(crate) enum DeviceChoice {
     /// A graphics processor if this build and this machine have one, the CPU otherwise.
     Auto,
     /// The CPU.
@@ -18,15 +18,15 @@ pub enum DeviceChoice {
 }
 
 /// A device and how to call it in front of people.
-pub struct Opened {
+pub(crate) struct Opened {
     /// The device.
-    pub device: Device,
+    pub(crate) device: Device,
     /// Its name.
-    pub name: String,
+    pub(crate) name: String,
 }
 
 /// Opens the device that was asked for.
-pub fn open(choice: DeviceChoice) -> Result<Opened> {
+pub(crate) fn open(choice: DeviceChoice) -> Result<Opened> {
     match choice {
         DeviceChoice::Cpu => Ok(cpu()),
         DeviceChoice::Wgpu => wgpu(),

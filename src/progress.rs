@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// One stage of work, counted in steps.
-pub struct Progress {
+pub(crate) struct Progress {
     name: String,
     unit: &'static str,
     done: AtomicU64,
@@ -29,7 +29,7 @@ const PLAIN_PAUSE: Duration = Duration::from_secs(5);
 
 impl Progress {
     /// Begins to show a stage of `total` steps, each a `unit` (plural).
-    pub fn start(name: &str, unit: &'static str, total: u64) -> Self {
+    pub(crate) fn start(name: &str, unit: &'static str, total: u64) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(total);
             let template = format!(
@@ -55,7 +55,7 @@ impl Progress {
     }
 
     /// Says how far the stage is, and in a few words how it goes.
-    pub fn update(&self, done: u64, message: &str) {
+    pub(crate) fn update(&self, done: u64, message: &str) {
         self.done.store(done, Ordering::Relaxed);
         self.show(done, message);
     }
@@ -75,11 +75,14 @@ impl Progress {
         let rate = done as f64 / self.seconds().max(1e-9);
         let left = (total - done) as f64 / rate.max(1e-9);
         let Self { name, unit, .. } = self;
-        eprintln!("{name}: {done}/{total} {unit}, {rate:.1}/s, about {left:.0} s left{}{message}", comma(message));
+        eprintln!(
+            "{name}: {done}/{total} {unit}, {rate:.1}/s, about {left:.0} s left{}{message}",
+            comma(message)
+        );
     }
 
     /// Says how far a stage is whose size was not known at its start.
-    pub fn update_of(&self, done: u64, total: u64) {
+    pub(crate) fn update_of(&self, done: u64, total: u64) {
         self.total.store(total, Ordering::Relaxed);
         if let Some(bar) = &self.bar {
             bar.set_length(total);
@@ -88,13 +91,13 @@ impl Progress {
     }
 
     /// One more step, from any thread.
-    pub fn advance(&self) {
+    pub(crate) fn advance(&self) {
         let before = self.done.fetch_add(1, Ordering::Relaxed);
         self.show(before + 1, "");
     }
 
     /// A line of its own, above the bar.
-    pub fn say(&self, line: &str) {
+    pub(crate) fn say(&self, line: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| eprintln!("{line}")),
             None => eprintln!("{line}"),
@@ -102,12 +105,12 @@ impl Progress {
     }
 
     /// Seconds since the stage began.
-    pub fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }
 
     /// Ends the stage's display; returns its seconds.
-    pub fn finish(self) -> f64 {
+    pub(crate) fn finish(self) -> f64 {
         let seconds = self.seconds();
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -122,7 +125,7 @@ fn comma(message: &str) -> &'static str {
 }
 
 /// Largest memory that this process has held \[MB\]; `None` where the system does not tell.
-pub fn peak_rss_mb() -> Option<f64> {
+pub(crate) fn peak_rss_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
     let kibibytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;

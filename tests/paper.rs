@@ -30,7 +30,8 @@ fn eq_1_a_single_element_gives_the_cosine_to_it() {
     let at = |x: f64, y: f64, z: f64| Isometry3::translation(x, y, z);
     let element = Shape::Cuboid { half_extents: Vector3::repeat(0.005) };
     let place = Point3::new(0.40, 0.25, 0.05);
-    let scene = environment.scene((element, at(0.36, 0.18, 0.0)), vec![(element, at(place.x, place.y, place.z))]);
+    let scene =
+        environment.scene((element, at(0.36, 0.18, 0.0)), vec![(element, at(place.x, place.y, place.z))]);
     let hand = looking_down(0.36, 0.18, 0.15);
     let mut origins = vec![Point3::from(hand.translation.vector)];
     origins.extend(environment.hand.reference_points().iter().map(|point| hand * point));
@@ -59,7 +60,8 @@ fn eq_2_keeps_length_and_rotation_and_takes_the_best_admitted_direction() {
     let map = blocked_below(&points);
     let hand = UnitQuaternion::from_euler_angles(0.1, -0.2, 0.7);
     let wanted = Vector3::new(0.004, 0.001, -0.012);
-    let desired = PoseChange { translation: hand.inverse() * wanted, rotation: Vector3::new(0.01, 0.02, 0.03) };
+    let desired =
+        PoseChange { translation: hand.inverse() * wanted, rotation: Vector3::new(0.01, 0.02, 0.03) };
     for mode in [DeflectionMode::Paper, DeflectionMode::Keep] {
         let deflected = Deflector::new(&deflection(mode), &points).deflect(&desired, &map, &hand);
         let mut best = (f64::NEG_INFINITY, Vector3::zeros());
@@ -90,7 +92,13 @@ fn eq_3_raises_the_threshold_where_no_admitted_direction_leads_forward() {
 }
 
 fn mediation() -> MediationConfig {
-    MediationConfig { rotation_weight_mm: 100.0, damping: 1e-6, period_s: 1.0, image_margin: 0.02, slack_weight: 1.0 }
+    MediationConfig {
+        rotation_weight_mm: 100.0,
+        damping: 1e-6,
+        period_s: 1.0,
+        image_margin: 0.02,
+        slack_weight: 1.0,
+    }
 }
 
 /// A point in the middle of the image.
@@ -112,7 +120,10 @@ fn eq_4_5_6_without_active_rows_the_program_is_weighted_least_squares() {
     let expected = normal.lu().solve(&(j.transpose() * w * v.to_vector())).unwrap();
     assert_relative_eq!(command.displacement, expected, epsilon = 1e-6);
     // The hand goes where it should, not away from it as with the printed sign of c.
-    let moved = environment.arm.robot_from_hand(&joints).inv_mul(&environment.arm.robot_from_hand(&(joints + expected)));
+    let moved = environment
+        .arm
+        .robot_from_hand(&joints)
+        .inv_mul(&environment.arm.robot_from_hand(&(joints + expected)));
     assert_relative_eq!(PoseChange::log(&moved).to_vector(), v.to_vector(), epsilon = 1e-3);
 }
 
@@ -131,7 +142,10 @@ fn eq_7_joints_stop_at_their_limits_and_at_their_speed() {
         assert!(command.status.is_solved());
         assert!(environment.arm.within_limits(&(joints + command.displacement)), "{command:?}");
         for joint in 0..6 {
-            assert!(command.displacement[joint].abs() <= limits.max_velocity[joint] * 0.05 + 1e-9, "{command:?}");
+            assert!(
+                command.displacement[joint].abs() <= limits.max_velocity[joint] * 0.05 + 1e-9,
+                "{command:?}"
+            );
         }
     }
 }

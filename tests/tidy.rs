@@ -64,24 +64,51 @@ fn lines(allowed: impl Fn(&str) -> bool, offends: impl Fn(&str) -> bool) -> Vec<
 
 #[test]
 fn no_source_file_is_longer_than_400_lines() {
-    let long = sources().iter().filter(|source| source.code().lines().count() > 400).map(Source::name).collect::<Vec<_>>();
+    let long = sources()
+        .iter()
+        .filter(|source| source.code().lines().count() > 400)
+        .map(Source::name)
+        .collect::<Vec<_>>();
     none("longer than 400 lines without tests", &long);
 }
 
 #[test]
 fn no_drawers() {
-    let drawers = ["util", "utils", "helper", "helpers", "common", "misc", "base", "types", "manager", "core"];
-    let named = sources().iter().filter(|s| s.path.components().any(|part| {
-        let part = part.as_os_str().to_string_lossy();
-        drawers.contains(&part.trim_end_matches(".rs"))
-    }) && !repository().components().eq(s.path.components())).map(Source::name);
+    let drawers =
+        ["util", "utils", "helper", "helpers", "common", "misc", "base", "types", "manager", "core"];
+    let named = sources()
+        .iter()
+        .filter(|s| {
+            s.path.components().any(|part| {
+                let part = part.as_os_str().to_string_lossy();
+                drawers.contains(&part.trim_end_matches(".rs"))
+            }) && !repository().components().eq(s.path.components())
+        })
+        .map(Source::name);
     none("say what is inside instead", &named.collect::<Vec<_>>());
 }
 
 #[test]
 fn millimetres_and_degrees_stay_at_the_edges() {
-    let edges = ["config", "units", "metric", "table", "report", "accuracy", "paper", "result", "figure", "range",
-                 "placement", "scene", "camera", "hiro", "hand", "card", "curve"];
+    let edges = [
+        "config",
+        "units",
+        "metric",
+        "table",
+        "report",
+        "accuracy",
+        "paper",
+        "result",
+        "figure",
+        "range",
+        "placement",
+        "scene",
+        "camera",
+        "hiro",
+        "hand",
+        "card",
+        "curve",
+    ];
     let at_the_edge = |name: &str| edges.iter().any(|edge| name.contains(edge));
     let offends = |line: &str| {
         let code = line.split("//").next().unwrap();
@@ -99,17 +126,24 @@ fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
         // A comment that begins with the equation's number is the equation's place; others may refer to it.
         let begins = |line: &str| {
             let comment = line.trim().trim_start_matches('/').trim_start();
-            line.trim().starts_with("//") && (comment.starts_with(&format!("{citation}:")) || comment.starts_with(&format!("{citation},")))
+            line.trim().starts_with("//")
+                && (comment.starts_with(&format!("{citation}:"))
+                    || comment.starts_with(&format!("{citation},")))
         };
         let places = lines(|_| false, begins);
-        assert_eq!(places.len(), 1, "{citation} has to begin one comment, at the code that is it; found {places:?}");
+        assert_eq!(
+            places.len(),
+            1,
+            "{citation} has to begin one comment, at the code that is it; found {places:?}"
+        );
         assert!(tests.contains(&citation), "tests/paper.rs has no test of {citation}");
     }
 }
 
 #[test]
 fn one_file_names_a_backend_and_one_names_parry() {
-    let backend = |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
+    let backend =
+        |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
     none("backends are named in src/device.rs", &lines(|name| name == "src/device.rs", backend));
     let parry = |line: &str| line.contains("parry3d") || line.contains("glam");
     none("parry is named in world/src/geometry.rs", &lines(|name| name == "world/src/geometry.rs", parry));

@@ -3,7 +3,9 @@
 use crate::error::{Error, Result};
 use datagen::config::{MotionConfig, ObstacleConfig, RejectionConfig, TargetConfig};
 use serde::{Deserialize, Serialize};
-use world::WorldConfig;
+use std::fmt::Display;
+use world::units::{deg, mm};
+use world::{PoseChange, WorldConfig};
 
 /// A set of servo sessions (paper, Section 6.4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,7 +27,8 @@ pub struct EvalConfig {
     pub motions: Vec<MotionConfig>,
     /// What start and goal must fulfill.
     pub rejection: RejectionConfig,
-    /// Least distance of the hand from every obstacle at start and goal: a goal that leaves the fingers no room is none.
+    /// Least distance of the hand from every obstacle, and above the table, at start and goal: a goal that leaves the
+    /// fingers no room is none.
     pub clearance_mm: f64,
     /// The loop.
     pub servo: ServoConfig,
@@ -104,8 +107,8 @@ pub struct DeflectionConfig {
     pub epsilon: f64,
     /// `t_g` rises to this and no further; at 1 every direction is admitted.
     pub max_threshold: f64,
-    /// Cosine between desired and admitted direction up to which a step counts as deadlocked (paper: 0). From half the
-    /// servo gain on, every step either comes nearer to the goal or raises `t_g`.
+    /// Cosine between desired and admitted direction up to which a step counts as deadlocked (paper: 0). Above half the
+    /// servo gain, every step either comes nearer to the goal or raises `t_g`, so that the loop cannot circle.
     pub min_progress: f64,
 }
 
@@ -149,9 +152,19 @@ impl EvalConfig {
         self.deflection.validate()?;
         self.mediation.validate()
     }
+
+    /// Least distance from every obstacle, and above the table, at start and goal \[m\].
+    pub fn clearance(&self) -> f64 {
+        mm(self.clearance_mm)
+    }
 }
 
 impl ServoConfig {
+    /// The part of a desired motion that one step covers.
+    pub fn pace(&self, desired: &PoseChange) -> PoseChange {
+        desired.scaled(self.gain).capped(mm(self.step_mm), deg(self.step_deg))
+    }
+
     fn validate(&self) -> Result<()> {
         require("servo.gain", self.gain > 0.0 && self.gain <= 1.0, self.gain, "more than 0 and at most 1")?;
         require(
@@ -172,6 +185,16 @@ impl ServoConfig {
 }
 
 impl StopConfig {
+    /// Bounds of a desired motion that is none \[m\], \[rad\].
+    pub fn settled(&self) -> (f64, f64) {
+        (mm(self.settled_mm), deg(self.settled_deg))
+    }
+
+    /// Bounds of a desired motion that need not shrink any more \[m\], \[rad\].
+    pub fn near(&self) -> (f64, f64) {
+        (mm(self.near_mm), deg(self.near_deg))
+    }
+
     fn validate(&self) -> Result<()> {
         let sizes = [
             ("stop.settled_mm", self.settled_mm),
@@ -212,6 +235,11 @@ impl DeflectionConfig {
 }
 
 impl MediationConfig {
+    /// Translation that counts as much as one radian \[m\].
+    pub fn rotation_weight(&self) -> f64 {
+        mm(self.rotation_weight_mm)
+    }
+
     fn validate(&self) -> Result<()> {
         let positive = [
             ("mediation.rotation_weight_mm", self.rotation_weight_mm),
@@ -232,6 +260,6 @@ impl MediationConfig {
     }
 }
 
-fn require(key: impl Into<String>, holds: bool, value: impl ToString, expected: &'static str) -> Result<()> {
+fn require(key: impl Into<String>, holds: bool, value: impl Display, expected: &'static str) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::Config { key: key.into(), value: value.to_string(), expected }) }
 }

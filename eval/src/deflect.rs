@@ -217,7 +217,7 @@ mod tests {
         }
         let mut deflector = Deflector::new(&config(DeflectionMode::Paper), &points());
         let ahead = obstacles(&[Vector3::x()]);
-        assert!((0..6).all(|_| deflect(&mut deflector, &ahead).threshold == 0.5));
+        assert!((0..6).all(|_| deflect(&mut deflector, &ahead).threshold < 0.55));
     }
 
     #[test]

@@ -58,7 +58,7 @@ impl FieldOfView {
 }
 
 /// The interaction matrix (image Jacobian) of a point: how its normalized image coordinates change with the camera's twist
-/// in the camera frame, translation first. As in ViSP's `vpFeaturePoint`.
+/// in the camera frame, translation first. As in `vpFeaturePoint` of `ViSP`.
 pub fn interaction_matrix(e: &Vector2<f64>, depth: f64) -> Matrix2x6<f64> {
     let (x, y) = (e.x, e.y);
     let near = 1.0 / depth;

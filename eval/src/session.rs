@@ -13,7 +13,6 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use world::arm::JointVector;
 use world::environment::Environment;
-use world::units::{deg, mm};
 use world::{AvoidanceMap, LabelForm, PoseChange};
 
 /// Poses on the way of one step at which contacts are looked for are at most this far apart, at the fingertips \[m\].
@@ -153,7 +152,9 @@ impl<'a> Session<'a> {
         let end = environment.arm.robot_from_hand(&joints);
         let count = |holds: fn(&Step) -> bool| steps.iter().filter(|step| holds(step)).count();
         let mut seconds = StageSeconds::default();
-        steps.iter().for_each(|step| seconds += step.seconds);
+        for step in &steps {
+            seconds += step.seconds;
+        }
         SessionRecord {
             index: trial.index,
             seed: trial.seed,
@@ -176,13 +177,6 @@ impl<'a> Session<'a> {
             seconds,
             steps,
         }
-    }
-}
-
-impl ServoConfig {
-    /// The part of a desired motion that one step covers.
-    fn pace(&self, desired: &PoseChange) -> PoseChange {
-        desired.scaled(self.gain).capped(mm(self.step_mm), deg(self.step_deg))
     }
 }
 
@@ -218,4 +212,173 @@ pub fn run_sessions(
         Ok(record)
     };
     (0..config.sessions).into_par_iter().map(session).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::oracle::{ApproachOracle, AvoidOracle};
+    use crate::policy::{ApproachPolicy, AvoidPolicy};
+    use nalgebra::{Isometry3, Vector3};
+    use rayon::ThreadPoolBuilder;
+    use world::pose::HandPose;
+
+    /// The sessions of Table 1 with a small camera: oracles do not look at images.
+    fn config(sessions: usize) -> EvalConfig {
+        let mut table: toml::Table = toml::from_str(include_str!("../../configs/eval/table1.toml")).unwrap();
+        let world: toml::Table = toml::from_str(include_str!("../../configs/world.toml")).unwrap();
+        table.insert("world".into(), world.into());
+        let mut config: EvalConfig = table.try_into().unwrap();
+        (config.world.camera.width, config.world.camera.height) = (64, 48);
+        config.sessions = sessions;
+        config.validate().unwrap();
+        config
+    }
+
+    fn environment(config: &EvalConfig) -> Environment {
+        Environment::new(&config.world).unwrap()
+    }
+
+    fn all(
+        environment: &Environment,
+        config: &EvalConfig,
+        approach: &dyn ApproachPolicy,
+    ) -> Result<Vec<SessionRecord>> {
+        let avoid = AvoidOracle { environment };
+        run_sessions(
+            environment,
+            config,
+            Policies { approach, avoid: &avoid },
+            &|_| (),
+            &AtomicBool::new(false),
+        )
+    }
+
+    /// Heads for a pose that it makes of the truth.
+    struct HeadFor(fn(&Truth) -> Isometry3<f64>);
+
+    impl ApproachPolicy for HeadFor {
+        fn pose_change(&self, view: &View, truth: &Truth) -> Result<PoseChange> {
+            Ok(LabelForm::Twist.label(view.robot_from_hand, &(self.0)(truth)))
+        }
+    }
+
+    /// Always the same motion.
+    struct Always([f64; 6]);
+
+    impl ApproachPolicy for Always {
+        fn pose_change(&self, _: &View, _: &Truth) -> Result<PoseChange> {
+            Ok(PoseChange::from_array(self.0))
+        }
+    }
+
+    /// Sees no risk, in a map of this size.
+    struct Fearless(usize);
+
+    impl AvoidPolicy for Fearless {
+        fn avoidance_map(&self, _: &View, _: &Truth) -> Result<AvoidanceMap> {
+            Ok(AvoidanceMap { values: vec![0.0; self.0] })
+        }
+    }
+
+    #[test]
+    fn with_oracles_every_session_reaches_its_goal_without_a_collision() {
+        let config = config(40);
+        let records = all(&environment(&config), &config, &ApproachOracle).unwrap();
+        for record in &records {
+            assert_eq!(record.outcome, Outcome::Converged, "session {}", record.index);
+            assert!(record.position_error < 1e-4, "session {}: {} m", record.index, record.position_error);
+            assert!(
+                record.orientation_error < 1e-3,
+                "session {}: {} rad",
+                record.index,
+                record.orientation_error
+            );
+            assert_eq!((record.contacts.obstacle, record.contacts.table, record.limit_violations), (0, 0, 0));
+        }
+        assert!(records.iter().enumerate().all(|(i, record)| record.index == i), "in order");
+        let turned = |record: &&SessionRecord| record.steps.iter().any(|step| step.course != Course::Kept);
+        assert!(records.iter().filter(turned).count() > 10, "obstacles are in the way");
+    }
+
+    #[test]
+    fn records_do_not_depend_on_the_number_of_threads() {
+        let config = config(4);
+        let environment = environment(&config);
+        let run = |threads| {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut records = pool.install(|| all(&environment, &config, &ApproachOracle)).unwrap();
+            for record in &mut records {
+                record.seconds = StageSeconds::default();
+                record.steps.iter_mut().for_each(|step| step.seconds = StageSeconds::default());
+            }
+            records
+        };
+        assert_eq!(run(1), run(3));
+    }
+
+    #[test]
+    fn a_hand_that_runs_into_an_obstacle_or_the_table_stops_there() {
+        let mut config = config(1);
+        config.obstacles.count = [1, 1];
+        let environment = environment(&config);
+        let into_obstacle = HeadFor(|truth| {
+            let position = truth.scene.obstacles[0].robot_from_body.translation.vector;
+            HandPose { position, angles: Vector3::zeros() }.robot_from_hand()
+        });
+        let policies = Policies { approach: &into_obstacle, avoid: &Fearless(180) };
+        let records =
+            run_sessions(&environment, &config, policies, &|_| (), &AtomicBool::new(false)).unwrap();
+        assert_eq!((records[0].outcome, records[0].contacts.obstacle), (Outcome::Collided, 1));
+        let depth = environment.hand.clearance(&records[0].robot_from_final, &records[0].scene);
+        assert!(depth < 1e-9, "in contact");
+
+        config.obstacles.count = [0, 0];
+        let into_table = all(&environment, &config, &Always([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])).unwrap();
+        assert_eq!((into_table[0].outcome, into_table[0].contacts.table), (Outcome::Collided, 1));
+    }
+
+    #[test]
+    fn a_target_that_leaves_the_image_is_lost_unless_the_program_keeps_it_in() {
+        let mut config = config(1);
+        config.servo.max_steps = 15;
+        let environment = environment(&config);
+        let look_away = Always([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        let kept = &all(&environment, &config, &look_away).unwrap()[0];
+        assert_eq!((kept.outcome, kept.target_lost_steps), (Outcome::IterationLimit, 0));
+        config.mediation.slack_weight = 1e-12;
+        let lost = &all(&environment, &config, &look_away).unwrap()[0];
+        assert_eq!((lost.outcome, lost.target_lost_steps), (Outcome::TargetLost, config.servo.lost_steps));
+    }
+
+    #[test]
+    fn sessions_end_at_the_iteration_limit() {
+        let mut config = config(1);
+        config.servo.max_steps = 3;
+        let record = &all(&environment(&config), &config, &ApproachOracle).unwrap()[0];
+        assert_eq!((record.outcome, record.steps.len()), (Outcome::IterationLimit, 3));
+        assert!(record.seconds.total() > 0.0);
+    }
+
+    #[test]
+    fn a_policy_that_answers_nonsense_ends_its_session_and_not_the_program() {
+        let config = config(1);
+        let environment = environment(&config);
+        let record = &all(&environment, &config, &Always([f64::NAN; 6])).unwrap()[0];
+        assert_eq!((record.outcome, record.steps.len()), (Outcome::Infeasible, 1));
+        assert_eq!(record.robot_from_final, record.robot_from_start);
+
+        let policies = Policies { approach: &ApproachOracle, avoid: &Fearless(7) };
+        let wrong = run_sessions(&environment, &config, policies, &|_| (), &AtomicBool::new(false));
+        assert!(matches!(wrong, Err(Error::MapSize { found: 7, expected: 180 })));
+    }
+
+    #[test]
+    fn a_run_can_be_stopped() {
+        let config = config(2);
+        let environment = environment(&config);
+        let policies = Policies { approach: &ApproachOracle, avoid: &Fearless(180) };
+        let stopped = run_sessions(&environment, &config, policies, &|_| (), &AtomicBool::new(true));
+        assert!(matches!(stopped, Err(Error::Interrupted { done: 0, total: 2 })));
+    }
 }

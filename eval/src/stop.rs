@@ -3,7 +3,6 @@
 
 use crate::config::StopConfig;
 use world::PoseChange;
-use world::units::{deg, mm};
 
 /// What counts as an improvement: a desired motion smaller by this factor than all before.
 const IMPROVEMENT: f64 = 0.9;
@@ -27,28 +26,29 @@ impl StopRule {
     ///
     /// A motion that is deflected need not shrink from step to step, so that only free ones try the patience.
     pub fn settles(&mut self, desired: &PoseChange, free: bool) -> bool {
-        let StopConfig { settled_mm, settled_deg, near_mm, near_deg, .. } = self.config;
-        self.settled = if below(desired, settled_mm, settled_deg) { self.settled + 1 } else { 0 };
+        self.settled = if below(desired, self.config.settled()) { self.settled + 1 } else { 0 };
+        let near = self.config.near();
         // Both parts in units of what counts as near.
-        let size = (desired.translation.norm() / mm(near_mm)).hypot(desired.rotation.norm() / deg(near_deg));
+        let size = (desired.translation.norm() / near.0).hypot(desired.rotation.norm() / near.1);
         if size < IMPROVEMENT * self.best {
             (self.best, self.stale) = (size, 0);
         } else if free {
             self.stale += 1;
         }
-        let stuck = self.stale >= self.config.patience_steps && below(desired, near_mm, near_deg);
+        let stuck = self.stale >= self.config.patience_steps && below(desired, near);
         self.settled >= self.config.settled_steps || stuck
     }
 }
 
-/// Are both parts of a motion below their bounds?
-fn below(motion: &PoseChange, bound_mm: f64, bound_deg: f64) -> bool {
-    motion.translation.norm() < mm(bound_mm) && motion.rotation.norm() < deg(bound_deg)
+/// Are both parts of a motion below their bounds \[m\], \[rad\]?
+fn below(motion: &PoseChange, (translation, rotation): (f64, f64)) -> bool {
+    motion.translation.norm() < translation && motion.rotation.norm() < rotation
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use world::units::{deg, mm};
 
     fn rule() -> StopRule {
         StopRule::new(&StopConfig {
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn three_vanishing_motions_in_a_row_settle() {
-        assert_eq!(stops_at(&[10.0, 0.01, 0.01, 1.0, 0.01, 0.01, 0.01, 0.01], true), Some(6));
+        assert_eq!(stops_at(&[10.0, 0.01, 0.008, 1.0, 0.006, 0.005, 0.004, 0.003], true), Some(6));
     }
 
     #[test]

@@ -12,34 +12,40 @@ use std::path::Path;
 
 /// What `dataset generate` made, and how fast.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Generated {
+pub(crate) struct Generated {
     /// Name of the dataset.
-    pub name: String,
+    pub(crate) name: String,
     /// Rows of the dataset.
-    pub rows: u64,
+    pub(crate) rows: u64,
     /// Images of the dataset.
-    pub images: u64,
+    pub(crate) images: u64,
     /// Rows made by this run.
-    pub rows_made: u64,
+    pub(crate) rows_made: u64,
     /// Time that this run took.
-    pub seconds: f64,
+    pub(crate) seconds: f64,
     /// Images that this run made in a second.
-    pub images_per_s: f64,
+    pub(crate) images_per_s: f64,
     /// Largest memory of the process.
-    pub peak_rss_mb: Option<f64>,
+    pub(crate) peak_rss_mb: Option<f64>,
     /// Digest of the dataset.
-    pub digest: String,
+    pub(crate) digest: String,
 }
 
 /// Runs one of the commands.
-pub fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()> {
+pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()> {
     match command {
         cli::Dataset::Generate { config, out } => {
             let file = Config::load(&config.config, &config.overrides)?;
             let config: DatasetConfig = file.parse()?;
             file.check(config.validate())?;
             let generated = generate(&config, out, stop)?;
-            println!("{}: {} rows, {} images, digest {}", out.display(), generated.rows, generated.images, generated.digest);
+            println!(
+                "{}: {} rows, {} images, digest {}",
+                out.display(),
+                generated.rows,
+                generated.images,
+                generated.digest
+            );
             print_json(json, &generated)
         }
         cli::Dataset::Info { dataset } => {
@@ -57,13 +63,18 @@ pub fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()> {
 }
 
 /// Makes a dataset in a folder and shows how it goes.
-pub fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Result<Generated> {
+pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Result<Generated> {
     let progress = Progress::start(&format!("dataset {}", config.name), "rows", config.count);
-    let summary = datagen::generate(config, out, &Options { stop: stop.flag() }, &|state: datagen::Progress| {
-        progress.update(state.rows_done, "");
-    })?;
+    let summary =
+        datagen::generate(config, out, &Options { stop: stop.flag() }, &|state: datagen::Progress| {
+            progress.update(state.rows_done, "");
+        })?;
     if summary.rows_made < summary.rows {
-        progress.say(&format!("{}: {} rows were there already", out.display(), summary.rows - summary.rows_made));
+        progress.say(&format!(
+            "{}: {} rows were there already",
+            out.display(),
+            summary.rows - summary.rows_made
+        ));
     }
     let seconds = progress.finish();
     write_file(&out.join("config.toml"), toml::to_string(config)?)?;
@@ -86,7 +97,10 @@ fn show(info: &DatasetInfo) {
     println!("dataset   {} ({}), flowservo {}", info.name, config.kind, info.version);
     println!("rows      {} in {} files, {} images", info.rows, info.files.len(), info.images);
     println!("size      {:.1} MB", info.bytes() as f64 / 1e6);
-    println!("images    {} x {} pixels, {} degrees wide", camera.width, camera.height, camera.horizontal_fov_deg);
+    println!(
+        "images    {} x {} pixels, {} degrees wide",
+        camera.width, camera.height, camera.horizontal_fov_deg
+    );
     println!("seed      {}", config.seed);
     for motion in &config.motions {
         println!("motion    {} ({:.0} %)", motion.name, motion.share * 100.0);

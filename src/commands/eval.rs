@@ -19,10 +19,10 @@ use train::model::{ApproachModel, AvoidModel};
 use world::Environment;
 
 /// Name of the file with all sessions, step by step.
-pub const SESSIONS: &str = "sessions.json";
+pub(crate) const SESSIONS: &str = "sessions.json";
 
 /// Runs the command.
-pub fn run(arguments: &cli::Eval, stop: &Stop, json: bool) -> Result<()> {
+pub(crate) fn run(arguments: &cli::Eval, stop: &Stop, json: bool) -> Result<()> {
     let file = Config::load(&arguments.config.config, &arguments.config.overrides)?;
     let mut config: EvalConfig = file.parse()?;
     let cli::Eval { approach, avoid, registry, .. } = arguments;
@@ -45,10 +45,15 @@ pub fn run(arguments: &cli::Eval, stop: &Stop, json: bool) -> Result<()> {
 }
 
 /// Ground truth in the place of a network.
-pub const ORACLE: &str = "oracle";
+pub(crate) const ORACLE: &str = "oracle";
 
 /// Runs the sessions of a configuration whose policies are folders of checkpoints, or `oracle`.
-pub fn evaluate(name: &str, config: &EvalConfig, device: &Opened, stop: &Stop) -> Result<Vec<SessionRecord>> {
+pub(crate) fn evaluate(
+    name: &str,
+    config: &EvalConfig,
+    device: &Opened,
+    stop: &Stop,
+) -> Result<Vec<SessionRecord>> {
     let environment = Environment::new(&config.world)?;
     let approach = approach(config, &device.device)?;
     let avoid = avoid(config, &environment, &device.device)?;
@@ -83,20 +88,20 @@ fn avoid<'a>(
 }
 
 /// Writes the configuration that was used, and the sessions.
-pub fn write(out: &Path, config: &EvalConfig, records: &[SessionRecord]) -> Result<()> {
+pub(crate) fn write(out: &Path, config: &EvalConfig, records: &[SessionRecord]) -> Result<()> {
     write_file(&out.join("config.toml"), toml::to_string(config)?)?;
     write_file(&out.join(SESSIONS), serde_json::to_vec(records)?)
 }
 
 /// Reads the sessions back.
-pub fn read(out: &Path) -> Result<Vec<SessionRecord>> {
+pub(crate) fn read(out: &Path) -> Result<Vec<SessionRecord>> {
     let path = out.join(SESSIONS);
     let text = std::fs::read(&path).with_context(|| path.display().to_string())?;
     serde_json::from_slice(&text).with_context(|| path.display().to_string())
 }
 
 /// Writes Table 1 and what goes with it as text, Markdown, CSV and JSON.
-pub fn write_tables(out: &Path, systems: &[System]) -> Result<()> {
+pub(crate) fn write_tables(out: &Path, systems: &[System]) -> Result<()> {
     write_file(&out.join("table1.txt"), tables::to_text(systems))?;
     write_file(&out.join("table1.md"), tables::to_markdown(systems))?;
     write_file(&out.join("table1.csv"), measures::to_csv(systems))?;

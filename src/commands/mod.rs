@@ -15,7 +15,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// Runs what the command line asks for.
-pub fn run(cli: &Cli) -> Result<()> {
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let Some(threads) = cli.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         pool.build_global().context("the threads could not be started")?;

@@ -8,7 +8,7 @@ use registry::{ModelName, ModelRef, ModelVersion, Published, Pulled, Registry};
 use std::path::{Path, PathBuf};
 
 /// Runs one of the commands.
-pub fn run(command: &cli::Model, json: bool) -> Result<()> {
+pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
     match command {
         cli::Model::Publish { checkpoint, name, registry } => {
             let published = publish(&Registry::init(&registry.registry)?, checkpoint, name)?;
@@ -42,7 +42,12 @@ pub fn run(command: &cli::Model, json: bool) -> Result<()> {
             for problem in &found.problems {
                 println!("{problem}");
             }
-            println!("{} versions, {} files read, {} problems", found.versions, found.blobs, found.problems.len());
+            println!(
+                "{} versions, {} files read, {} problems",
+                found.versions,
+                found.blobs,
+                found.problems.len()
+            );
             print_json(json, &found)?;
             if !found.problems.is_empty() {
                 bail!("{}: the registry is damaged; publish again what is lost", registry.registry.display());
@@ -57,21 +62,23 @@ fn reference(text: &str) -> Result<ModelRef> {
 }
 
 /// Publishes a checkpoint as the next version of a name, and says so.
-pub fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Result<Published> {
+pub(crate) fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Result<Published> {
     let name: ModelName = name.parse().map_err(bad_input)?;
     let provenance = super::train::provenance(checkpoint)?;
     let published = registry.publish(&name, checkpoint, provenance)?;
     let ModelVersion { name, version, .. } = published.version();
     match &published {
         Published::New(_) => println!("published {name}@{version}"),
-        Published::AlreadyThere(_) => println!("{name}@{version} has this content already; nothing was published"),
+        Published::AlreadyThere(_) => {
+            println!("{name}@{version} has this content already; nothing was published")
+        }
     }
     Ok(published)
 }
 
 /// The folder of a model that a person names: a checkpoint's folder, or a version in the registry, which is then pulled into
 /// `pulled/` beside the registry's content.
-pub fn checkpoint(model: &str, registry: &Path) -> Result<PathBuf> {
+pub(crate) fn checkpoint(model: &str, registry: &Path) -> Result<PathBuf> {
     let folder = PathBuf::from(model);
     if folder.is_dir() {
         return Ok(folder);

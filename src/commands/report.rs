@@ -3,7 +3,6 @@
 use super::reproduce::{Reproduced, SystemConfig};
 use super::write_file;
 use crate::progress::Progress;
-use anyhow::Result;
 use ::eval::figures::Figure;
 use ::eval::figures::avoidance_maps::{AvoidanceExample, figure_6};
 use ::eval::figures::final_poses::figure_9;
@@ -16,6 +15,7 @@ use ::eval::trace::SessionRecord;
 use ::train::history;
 use ::train::metric::Metrics;
 use ::train::model::AvoidModel;
+use anyhow::Result;
 use burn::prelude::Device;
 use datagen::Kind;
 use std::path::Path;
@@ -23,7 +23,7 @@ use world::units::{to_deg, to_mm};
 use world::{AvoidanceMap, Environment};
 
 /// Writes the page.
-pub fn write(preset: &str, reproduced: &Reproduced, device: &Device, out: &Path) -> Result<()> {
+pub(crate) fn write(preset: &str, reproduced: &Reproduced, device: &Device, out: &Path) -> Result<()> {
     let progress = Progress::start("report", "pages", 1);
     let report = Report {
         title: "Visual servoing in a virtual environment: a reproduction".to_owned(),
@@ -79,7 +79,8 @@ fn facts(preset: &str, reproduced: &Reproduced) -> Vec<(String, String)> {
 fn figures(reproduced: &Reproduced, device: &Device) -> Result<Vec<Figure>> {
     let mut drawn = training_figures(reproduced)?;
     let environment = Environment::new(&reproduced.config.evaluation.world)?;
-    let (Some(system), Some((_, records))) = (reproduced.config.systems.first(), reproduced.systems.first()) else {
+    let (Some(system), Some((_, records))) = (reproduced.config.systems.first(), reproduced.systems.first())
+    else {
         return Ok(drawn);
     };
     let examples = avoidance_examples(reproduced, system, &environment, records, device)?;

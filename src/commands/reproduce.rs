@@ -21,13 +21,13 @@ use crate::cli;
 use crate::config::{Config, bad_input};
 use crate::device::{self, Opened};
 use crate::stop::Stop;
-use anyhow::{Context, Result, anyhow};
 use ::eval::config::EvalConfig;
 use ::eval::measures::{self, System};
 use ::eval::report::Stage;
 use ::eval::tables;
 use ::eval::trace::SessionRecord;
 use ::train::config::TrainConfig;
+use anyhow::{Context, Result, anyhow};
 use datagen::DatasetConfig;
 use registry::{Digest, Registry};
 use serde::{Deserialize, Serialize};
@@ -38,47 +38,47 @@ use std::time::Instant;
 /// What a file in `configs/reproduce/` says.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ReproduceConfig {
+pub(crate) struct ReproduceConfig {
     /// Datasets by name.
-    pub datasets: BTreeMap<String, DatasetConfig>,
+    pub(crate) datasets: BTreeMap<String, DatasetConfig>,
     /// Networks by name; their `datasets` are names from above.
-    pub training: BTreeMap<String, TrainConfig>,
+    pub(crate) training: BTreeMap<String, TrainConfig>,
     /// The servo sessions; their policies are replaced by each system's.
-    pub evaluation: EvalConfig,
+    pub(crate) evaluation: EvalConfig,
     /// The rows of Table 1; the first is the one that the figures show.
-    pub systems: Vec<SystemConfig>,
+    pub(crate) systems: Vec<SystemConfig>,
 }
 
 /// A row of Table 1: the two networks of a system.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct SystemConfig {
+pub(crate) struct SystemConfig {
     /// Name in the tables.
-    pub name: String,
+    pub(crate) name: String,
     /// A name from `training`, or `oracle`.
-    pub approach: String,
+    pub(crate) approach: String,
     /// A name from `training`, or `oracle`.
-    pub avoid: String,
+    pub(crate) avoid: String,
 }
 
 /// Everything that the stages made.
-pub struct Reproduced {
+pub(crate) struct Reproduced {
     /// What was run.
-    pub config: ReproduceConfig,
+    pub(crate) config: ReproduceConfig,
     /// Where it was computed.
-    pub device: String,
+    pub(crate) device: String,
     /// Stages in their order.
-    pub stages: Vec<Stage>,
+    pub(crate) stages: Vec<Stage>,
     /// Datasets in their order.
-    pub datasets: Vec<Generated>,
+    pub(crate) datasets: Vec<Generated>,
     /// Networks by name: folder of the run, and how it went.
-    pub trained: BTreeMap<String, (PathBuf, Trained)>,
+    pub(crate) trained: BTreeMap<String, (PathBuf, Trained)>,
     /// Systems in their order, with their sessions.
-    pub systems: Vec<(System, Vec<SessionRecord>)>,
+    pub(crate) systems: Vec<(System, Vec<SessionRecord>)>,
 }
 
 /// Runs the command.
-pub fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result<()> {
+pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result<()> {
     let started = Instant::now();
     let preset = arguments.preset.name();
     let path = arguments.configs.join("reproduce").join(format!("{preset}.toml"));
@@ -112,7 +112,8 @@ pub fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result<()> {
 }
 
 fn results(reproduced: &Reproduced, seconds: f64) -> serde_json::Value {
-    let trained: BTreeMap<_, _> = reproduced.trained.iter().map(|(name, (_, trained))| (name, trained)).collect();
+    let trained: BTreeMap<_, _> =
+        reproduced.trained.iter().map(|(name, (_, trained))| (name, trained)).collect();
     let systems: Vec<_> = reproduced.systems.iter().map(|(system, _)| measures::to_json(system)).collect();
     serde_json::json!({
         "seconds": seconds,
@@ -133,7 +134,8 @@ impl ReproduceConfig {
             file.check(training.task()).with_context(|| format!("training.{name}"))?;
             for dataset in &training.datasets {
                 let known = dataset.to_str().is_some_and(|dataset| self.datasets.contains_key(dataset));
-                let unknown = || format!("training.{name}.datasets: there is no datasets.{}", dataset.display());
+                let unknown =
+                    || format!("training.{name}.datasets: there is no datasets.{}", dataset.display());
                 known.then_some(()).with_context(unknown).map_err(bad_input)?;
             }
         }
@@ -205,7 +207,11 @@ impl Reproduction<'_> {
         let folder = self.folder("datasets", name, config)?;
         let generated = dataset::generate(config, &folder, self.stop)?;
         let seconds = (generated.rows_made > 0).then_some(generated.seconds);
-        self.done(format!("dataset {name}"), seconds, format!("{} rows, {} images", generated.rows, generated.images));
+        self.done(
+            format!("dataset {name}"),
+            seconds,
+            format!("{} rows, {} images", generated.rows, generated.images),
+        );
         Ok((folder, generated))
     }
 
@@ -223,7 +229,10 @@ impl Reproduction<'_> {
             let text = std::fs::read_to_string(&result)?;
             (serde_json::from_str::<Trained>(&text).with_context(|| result.display().to_string())?, None)
         } else {
-            let config = TrainConfig { datasets: used.iter().map(|(folder, _)| folder.clone()).collect(), ..config.clone() };
+            let config = TrainConfig {
+                datasets: used.iter().map(|(folder, _)| folder.clone()).collect(),
+                ..config.clone()
+            };
             let resume = folder.join("last").exists();
             let name = format!("training {name}");
             let trained = train::fit(&name, &config, &folder, &self.device, resume, self.stop)?;
@@ -252,7 +261,9 @@ impl Reproduction<'_> {
         system: &SystemConfig,
         published: &BTreeMap<String, PathBuf>,
     ) -> Result<(System, Vec<SessionRecord>)> {
-        let place = |policy: &String| published.get(policy).map_or(policy.clone(), |folder| folder.display().to_string());
+        let place = |policy: &String| {
+            published.get(policy).map_or(policy.clone(), |folder| folder.display().to_string())
+        };
         let mut config = self.config.evaluation.clone();
         config.policies.approach = place(&system.approach);
         config.policies.avoid = place(&system.avoid);
@@ -261,7 +272,8 @@ impl Reproduction<'_> {
             (eval::read(&folder)?, None)
         } else {
             let started = Instant::now();
-            let records = eval::evaluate(&format!("sessions {}", system.name), &config, &self.device, self.stop)?;
+            let records =
+                eval::evaluate(&format!("sessions {}", system.name), &config, &self.device, self.stop)?;
             eval::write(&folder, &config, &records)?;
             (records, Some(started.elapsed().as_secs_f64()))
         };

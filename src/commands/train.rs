@@ -18,33 +18,33 @@ use train::fit::{self, EpochRecord, Run};
 use train::metric::Metrics;
 
 /// Name of the file beside a run's checkpoints that says how the run went. It is written last.
-pub const RESULT: &str = "result.json";
+pub(crate) const RESULT: &str = "result.json";
 
 /// What a run achieved, and how fast.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Trained {
+pub(crate) struct Trained {
     /// Checkpoint of the best epoch.
-    pub checkpoint: PathBuf,
+    pub(crate) checkpoint: PathBuf,
     /// Where it was computed.
-    pub device: String,
+    pub(crate) device: String,
     /// Time that this run took, with reading the data.
-    pub seconds: f64,
+    pub(crate) seconds: f64,
     /// Examples that this run learned from, counted once an epoch.
-    pub samples: usize,
+    pub(crate) samples: usize,
     /// Examples a second, without reading the data.
-    pub samples_per_s: f64,
+    pub(crate) samples_per_s: f64,
     /// Largest memory of the process.
-    pub peak_rss_mb: Option<f64>,
+    pub(crate) peak_rss_mb: Option<f64>,
     /// On the validation set at the best epoch: the paper's norm; none for `CNN_avoid`.
-    pub position_error_mm: Option<f64>,
+    pub(crate) position_error_mm: Option<f64>,
     /// See `position_error_mm`.
-    pub orientation_error_deg: Option<f64>,
+    pub(crate) orientation_error_deg: Option<f64>,
     /// The best epoch.
-    pub best: EpochRecord,
+    pub(crate) best: EpochRecord,
 }
 
 /// Runs the command.
-pub fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()> {
+pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()> {
     let file = Config::load(&arguments.config.config, &arguments.config.overrides)?;
     let mut config: TrainConfig = file.parse()?;
     if !arguments.data.is_empty() {
@@ -58,7 +58,7 @@ pub fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()> {
 }
 
 /// Trains a network in a folder and shows how it goes.
-pub fn fit(
+pub(crate) fn fit(
     name: &str,
     config: &TrainConfig,
     out: &Path,
@@ -68,7 +68,8 @@ pub fn fit(
 ) -> Result<Trained> {
     let task = config.task()?;
     let loading = Progress::start(&format!("{name}: reading"), "examples", 0);
-    let examples = Examples::load(&task, &config.datasets, &|done, total| loading.update_of(done as u64, total as u64))?;
+    let examples =
+        Examples::load(&task, &config.datasets, &|done, total| loading.update_of(done as u64, total as u64))?;
     let reading_seconds = loading.finish();
     let total = config.optimizer.epochs * examples.len();
     let progress = Progress::start(name, "examples", total as u64);
@@ -109,18 +110,20 @@ pub fn fit(
 }
 
 /// Validation metrics in a few words.
-pub fn in_words(metrics: &Metrics) -> String {
+pub(crate) fn in_words(metrics: &Metrics) -> String {
     match metrics {
         Metrics::Approach(m) => format!(
             "loss {:.4}, {:.2} mm, {:.2} degrees",
             m.loss, m.position_error_mm, m.orientation_error_deg
         ),
-        Metrics::Avoidance(m) => format!("loss {:.4}, RMS error {:.3}, skill {:.2}", m.loss, m.rms_error, m.skill),
+        Metrics::Avoidance(m) => {
+            format!("loss {:.4}, RMS error {:.3}, skill {:.2}", m.loss, m.rms_error, m.skill)
+        }
     }
 }
 
 /// Where a checkpoint comes from and how good it is, for the registry.
-pub fn provenance(checkpoint: &Path) -> Result<Provenance> {
+pub(crate) fn provenance(checkpoint: &Path) -> Result<Provenance> {
     let path = checkpoint.join("model.json");
     let text = std::fs::read_to_string(&path)
         .with_context(|| format!("{}: cannot be read; is this a checkpoint's folder?", path.display()))?;
@@ -150,7 +153,11 @@ fn metrics(validation: &Metrics) -> BTreeMap<String, f64> {
             ("validation_orientation_error_deg", m.orientation_error_deg),
         ],
         Metrics::Avoidance(m) => {
-            vec![("validation_loss", m.loss), ("validation_rms_error", m.rms_error), ("validation_skill", m.skill)]
+            vec![
+                ("validation_loss", m.loss),
+                ("validation_rms_error", m.rms_error),
+                ("validation_skill", m.skill),
+            ]
         }
     };
     named.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()

@@ -7,16 +7,11 @@ use crate::input;
 
 /// What the networks see of a batch: `[batch, 3, height, width]` each, from 0 to 1.
 #[derive(Debug, Clone)]
-pub enum Images {
-    /// For `CNN_approach`.
-    Pair {
-        /// The current images.
-        current: Tensor<4>,
-        /// The goal images.
-        goal: Tensor<4>,
-    },
-    /// For `CNN_avoid`.
-    Single(Tensor<4>),
+pub struct Images {
+    /// The current images.
+    pub current: Tensor<4>,
+    /// The goal images, for `CNN_approach` alone.
+    pub goal: Option<Tensor<4>>,
 }
 
 impl Images {
@@ -26,9 +21,6 @@ impl Images {
             let pixels: Vec<_> = indices.iter().map(|&index| examples.image(index, which)).collect();
             input::tensor(&pixels, examples.input(), device)
         };
-        match examples.images_each() {
-            1 => Self::Single(images(0)),
-            _ => Self::Pair { current: images(0), goal: images(1) },
-        }
+        Self { current: images(0), goal: (examples.images_each() == 2).then(|| images(1)) }
     }
 }

@@ -114,9 +114,9 @@ impl TrainConfig {
     /// What is learned. Refuses values that make no training; names the key.
     pub fn task(&self) -> Result<Task> {
         self.optimizer.validate()?;
-        require("datasets", !self.datasets.is_empty(), "[]", "at least one directory")?;
+        require("datasets", !self.datasets.is_empty(), &"[]", "at least one directory")?;
         let share = self.validation;
-        require("validation", share > 0.0 && share <= 0.5, share, "a share above 0 and at most 0.5")?;
+        require("validation", share > 0.0 && share <= 0.5, &share, "a share above 0 and at most 0.5")?;
         let NetworkConfig { width, input, head, .. } = self.network;
         let task = match self.kind {
             Kind::Approach => {
@@ -159,14 +159,14 @@ impl TrainConfig {
 impl OptimizerConfig {
     fn validate(&self) -> Result<()> {
         let Self { epochs, batch, learning_rate, warmup, weight_decay, gradient_clip } = *self;
-        require("optimizer.epochs", (1..=100_000).contains(&epochs), epochs, "1 to 100000")?;
-        require("optimizer.batch", (1..=65_536).contains(&batch), batch, "1 to 65536")?;
+        require("optimizer.epochs", (1..=100_000).contains(&epochs), &epochs, "1 to 100000")?;
+        require("optimizer.batch", (1..=65_536).contains(&batch), &batch, "1 to 65536")?;
         let rate = learning_rate > 0.0 && learning_rate <= 1.0;
-        require("optimizer.learning_rate", rate, learning_rate, "more than 0 and at most 1")?;
-        require("optimizer.warmup", (0.0..1.0).contains(&warmup), warmup, "a share from 0 to less than 1")?;
-        require("optimizer.weight_decay", (0.0..=1.0).contains(&weight_decay), weight_decay, "0 to 1")?;
+        require("optimizer.learning_rate", rate, &learning_rate, "more than 0 and at most 1")?;
+        require("optimizer.warmup", (0.0..1.0).contains(&warmup), &warmup, "a share from 0 to less than 1")?;
+        require("optimizer.weight_decay", (0.0..=1.0).contains(&weight_decay), &weight_decay, "0 to 1")?;
         let clip = gradient_clip > 0.0 && gradient_clip.is_finite();
-        require("optimizer.gradient_clip", clip, gradient_clip, "a norm above 0")
+        require("optimizer.gradient_clip", clip, &gradient_clip, "a norm above 0")
     }
 }
 
@@ -182,7 +182,7 @@ fn difference(key: &str, first: &Value, second: &Value) -> Option<[String; 3]> {
     })
 }
 
-fn require(key: &'static str, holds: bool, value: impl ToString, expected: &'static str) -> Result<()> {
+fn require(key: &'static str, holds: bool, value: &dyn ToString, expected: &'static str) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::Config { key, value: value.to_string(), expected }) }
 }
 

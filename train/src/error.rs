@@ -204,4 +204,4 @@ fn last_good(checkpoint: Option<&PathBuf>) -> String {
 }
 
 /// Result of this crate.
-pub type Result<T> = std::result::Result<T, Error>;
+pub type Result<T, E = Error> = std::result::Result<T, E>;

@@ -11,11 +11,9 @@ use world::config::CameraConfig;
 
 use crate::camera;
 use crate::config::Task;
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::input::{self, decode};
 use crate::net::DIRECTIONS;
-
-type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Rows that are decoded at a time.
 const CHUNK: usize = 256;
@@ -222,10 +220,15 @@ fn decoded<R: Row + Send + Sync, T: Send>(
 #[cfg(test)]
 pub(crate) mod tests {
     use std::array::from_fn;
+    use std::path::Path;
+    use std::sync::atomic::AtomicBool;
 
-    use datagen::Kind;
+    use datagen::{DatasetConfig, Kind, Options, generate};
+    use tempfile::TempDir;
+    use world::LabelForm;
 
     use super::*;
+    use crate::config::tests::tiny;
 
     /// Examples whose images show a bright square on gray; the label is where it is, or where it went.
     pub(crate) fn squares(task: &Task, rows: usize) -> Examples {
@@ -253,5 +256,65 @@ pub(crate) mod tests {
     fn square([left, top]: [usize; 2]) -> Vec<u8> {
         let inside = |i: usize| (left..left + 8).contains(&(i % 32)) && (top..top + 8).contains(&(i / 32));
         (0..32 * 24).flat_map(|i| if inside(i) { [250, 240, 10] } else { [90; 3] }).collect()
+    }
+
+    /// Generates a dataset of four rows by a file of `configs/datasets`, seen by a camera of this field of view.
+    fn dataset(name: &str, fov_deg: f64) -> TempDir {
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+        let table = |file: &str| -> toml::Table {
+            std::fs::read_to_string(configs.join(file)).unwrap().parse().unwrap()
+        };
+        let mut config = table(&format!("datasets/{name}.toml"));
+        config.insert("world".to_owned(), table("world.toml").into());
+        let mut config = DatasetConfig::from_table(config).unwrap();
+        (config.count, config.rows_per_shard) = (4, 3);
+        (config.world.camera.width, config.world.camera.height) = (64, 48);
+        config.world.camera.horizontal_fov_deg = fov_deg;
+        let directory = tempfile::tempdir().unwrap();
+        generate(&config, directory.path(), &Options { stop: &AtomicBool::new(false) }, &|_| {}).unwrap();
+        directory
+    }
+
+    fn load(kind: Kind, datasets: &[&TempDir]) -> Result<Examples> {
+        let paths: Vec<_> = datasets.iter().map(|directory| directory.path().to_owned()).collect();
+        Examples::load(&tiny(kind).task().unwrap(), &paths, &|done, of| assert!(done <= of))
+    }
+
+    #[test]
+    fn datasets_become_examples_in_their_order() {
+        let [a, b] = [dataset("a", 60.0), dataset("b", 60.0)];
+        let examples = load(Kind::Approach, &[&a, &b]).unwrap();
+        assert_eq!((examples.len(), examples.ranges()), (8, vec![0..4, 4..8]));
+        let rows = DatasetReader::open(b.path()).unwrap().all::<ApproachRow>().unwrap();
+        let Labels::PoseChanges(labels) = examples.labels() else { panic!("not pose changes") };
+        for (i, row) in (4..).zip(rows) {
+            let row = row.unwrap();
+            let label = LabelForm::Twist.label(&row.robot_from_current, &row.robot_from_goal);
+            assert_eq!(labels[i].map(f64::to_bits), label.to_array().map(f64::to_bits));
+            assert_eq!(examples.image(i, 0), decode(&row.image_current, [32, 24]).unwrap());
+            assert_eq!(examples.image(i, 1), decode(&row.image_goal, [32, 24]).unwrap());
+        }
+    }
+
+    #[test]
+    fn maps_become_examples_and_pairs_do_not() {
+        let avoid = dataset("avoid", 60.0);
+        let examples = load(Kind::Avoidance, &[&avoid]).unwrap();
+        let rows = DatasetReader::open(avoid.path()).unwrap().all::<AvoidanceRow>().unwrap();
+        let expected: Vec<f32> = rows.flat_map(|row| row.unwrap().values).collect();
+        let Labels::AvoidanceMaps(values) = examples.labels() else { panic!("not maps") };
+        assert_eq!(values, &expected);
+        let error = load(Kind::Approach, &[&avoid]).unwrap_err().to_string();
+        assert!(error.contains("avoidance") && error.contains("approach"), "{error}");
+    }
+
+    #[test]
+    fn datasets_that_do_not_fit_together_are_named() {
+        let [a, b] = [dataset("a", 60.0), dataset("b", 75.0)];
+        let error = load(Kind::Approach, &[&a, &b]).unwrap_err().to_string();
+        assert!(error.contains("horizontal_fov_deg: 60 and 75"), "{error}");
+        assert!([&a, &b].iter().all(|dataset| error.contains(dataset.path().to_str().unwrap())), "{error}");
+        let error = load(Kind::Approach, &[&a, &a]).unwrap_err().to_string();
+        assert!(error.contains("each dataset once"), "{error}");
     }
 }

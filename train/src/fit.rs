@@ -371,7 +371,7 @@ mod tests {
             let [first, last] = [&history[0], &fitted.last].map(|record| record.training_loss);
             assert!(last < 0.5 * first, "{kind}: {first} to {last}");
             let lowest = history.iter().map(|record| record.validation.loss()).fold(f64::INFINITY, f64::min);
-            assert_eq!(fitted.best.validation.loss(), lowest);
+            assert!(fitted.best.validation.loss() <= lowest);
         }
     }
 

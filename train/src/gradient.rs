@@ -60,10 +60,10 @@ mod tests {
     fn the_norm_is_over_all_parameters_and_scales_with_them() {
         let device = Device::flex().autodiff();
         let network = Network::new(&tiny(Kind::Avoidance).task().unwrap(), 1, &device);
-        let image = Tensor::ones([2, 3, 24, 32], &device) * 0.25;
+        let images = Images { current: Tensor::ones([2, 3, 24, 32], &device) * 0.25, goal: None };
         // The gradient of the sum of all outputs with respect to each of the last biases is the batch size, so the
         // norm is at least that of 180 twos; all other gradients are more.
-        let backward = network.forward(Images::Single(image)).sum().backward();
+        let backward = network.forward(images).sum().backward();
         let mut gradients = GradientsParams::from_grads(backward, &network);
         let whole = norm(&network, &gradients);
         assert!(whole > 2.0 * 180_f64.sqrt());

@@ -47,6 +47,9 @@ pub struct ApproachMetrics {
 
 impl ApproachMetrics {
     /// Compares what the network says, standardized, with the labels in metres and radians.
+    ///
+    /// # Panics
+    /// If there are not as many of both.
     pub fn new(predicted: &[[f32; 6]], labels: &[[f64; 6]], standardization: &Standardization) -> Self {
         assert_eq!(predicted.len(), labels.len(), "one prediction a label");
         let (mut squares, mut errors) = (0.0, [0.0; 6]);
@@ -88,6 +91,9 @@ pub struct AvoidanceMetrics {
 
 impl AvoidanceMetrics {
     /// Compares predicted maps with the true ones; `mean_map` is that of the training examples.
+    ///
+    /// # Panics
+    /// If there are not as many of both.
     pub fn new(predicted: &[[f32; DIRECTIONS]], maps: &[&[f32]], mean_map: &[f64]) -> Self {
         assert_eq!(predicted.len(), maps.len(), "one prediction a map");
         let (mut squares, mut squares_of_mean, mut right) = (0.0, 0.0, 0);
@@ -140,7 +146,7 @@ mod tests {
         let maps: Vec<&[f32]> = maps.iter().map(|map| &map[..]).collect();
         let mean = [0.5; DIRECTIONS];
         let half_right = AvoidanceMetrics::new(&[[0.25; DIRECTIONS], [0.25; DIRECTIONS]], &maps, &mean);
-        assert_relative_eq!(half_right.loss, (0.0625 + 0.5625) / 2.0);
+        assert_relative_eq!(half_right.loss, 0.3125);
         assert_relative_eq!(half_right.skill, 1.0 - 0.3125 / 0.25);
         assert_relative_eq!(half_right.right_side, 0.5);
         // What lies beyond the range is limited to it.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use datagen::Kind;
 use image::RgbImage;
 use world::avoidance::AvoidanceMap;
@@ -24,7 +24,7 @@ pub struct ApproachModel {
     network: ApproachNet,
     label: LabelForm,
     standardization: Standardization,
-    frame: Frame,
+    origin: Origin,
 }
 
 impl ApproachModel {
@@ -36,7 +36,7 @@ impl ApproachModel {
                 network,
                 label: *label,
                 standardization: standardization.clone(),
-                frame: Frame::new(directory, info, device),
+                origin: Origin::new(directory, info, device),
             }),
             (Network::Approach(_), ..) => Err(Error::Checkpoint {
                 path: directory,
@@ -49,7 +49,7 @@ impl ApproachModel {
     /// The change of hand pose that makes the current image the goal image: metres, radians, in the form that
     /// [`label`](Self::label) says.
     pub fn pose_change(&self, current: &RgbImage, goal: &RgbImage) -> Result<PoseChange> {
-        let [current, goal] = [self.frame.tensor(current)?, self.frame.tensor(goal)?];
+        let [current, goal] = [self.origin.tensor(current)?, self.origin.tensor(goal)?];
         let output = self.network.forward(current, goal).into_data();
         let mut values = output.iter::<f32>().map(f64::from);
         let standardized = std::array::from_fn(|_| values.next().unwrap_or(f64::NAN));
@@ -63,12 +63,12 @@ impl ApproachModel {
 
     /// What the checkpoint says about itself.
     pub fn info(&self) -> &ModelInfo {
-        &self.frame.info
+        &self.origin.info
     }
 
     /// Refuses a camera that shows the scene differently from the one that the network knows.
     pub fn require_camera(&self, camera: &CameraConfig) -> Result<()> {
-        self.frame.require_camera(camera)
+        self.origin.require_camera(camera)
     }
 }
 
@@ -76,7 +76,7 @@ impl ApproachModel {
 #[derive(Debug)]
 pub struct AvoidModel {
     network: AvoidNet,
-    frame: Frame,
+    origin: Origin,
 }
 
 impl AvoidModel {
@@ -84,7 +84,7 @@ impl AvoidModel {
     pub fn load(directory: &Path, device: &Device) -> Result<Self> {
         let Checkpoint { directory, info, network } = Checkpoint::load(directory, &device.clone().inner())?;
         match network {
-            Network::Avoidance(network) => Ok(Self { network, frame: Frame::new(directory, info, device) }),
+            Network::Avoidance(network) => Ok(Self { network, origin: Origin::new(directory, info, device) }),
             Network::Approach(_) => {
                 Err(Error::OtherKind { path: directory, found: info.task.kind(), expected: Kind::Avoidance })
             }
@@ -93,35 +93,35 @@ impl AvoidModel {
 
     /// The avoidance map that the current image shows, each value from 0 to 1.
     pub fn avoidance_map(&self, current: &RgbImage) -> Result<AvoidanceMap> {
-        let output = self.network.avoidance_map(self.frame.tensor(current)?).into_data();
+        let output = self.network.avoidance_map(self.origin.tensor(current)?).into_data();
         Ok(AvoidanceMap { values: output.iter::<f32>().map(f64::from).collect() })
     }
 
     /// What the checkpoint says about itself.
     pub fn info(&self) -> &ModelInfo {
-        &self.frame.info
+        &self.origin.info
     }
 
     /// Refuses a camera that shows the scene differently from the one that the network knows.
     pub fn require_camera(&self, camera: &CameraConfig) -> Result<()> {
-        self.frame.require_camera(camera)
+        self.origin.require_camera(camera)
     }
 }
 
-/// How images get to a network.
+/// What both models keep of their checkpoint.
 #[derive(Debug)]
-struct Frame {
+struct Origin {
     directory: PathBuf,
     info: ModelInfo,
     device: Device,
 }
 
-impl Frame {
+impl Origin {
     fn new(directory: PathBuf, info: ModelInfo, device: &Device) -> Self {
         Self { directory, info, device: device.clone().inner() }
     }
 
-    fn tensor(&self, image: &RgbImage) -> Result<burn::tensor::Tensor<4>> {
+    fn tensor(&self, image: &RgbImage) -> Result<Tensor<4>> {
         let input = self.info.task.input();
         Ok(input::tensor(&[&input::shrink(image, input)?], input, &self.device))
     }
@@ -163,11 +163,9 @@ mod tests {
     }
 
     fn stripes(period: u32) -> RgbImage {
-        RgbImage::from_fn(
-            32,
-            24,
-            |x, y| if x / period % 2 == 0 { Rgb([y as u8 * 10, 9, 9]) } else { Rgb([200; 3]) },
-        )
+        RgbImage::from_fn(32, 24, |x, y| {
+            if (x / period).is_multiple_of(2) { Rgb([y as u8 * 10, 9, 9]) } else { Rgb([200; 3]) }
+        })
     }
 
     #[test]

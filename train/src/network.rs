@@ -34,8 +34,8 @@ impl Network {
     /// - result: `[batch, outputs]`
     pub fn forward(&self, images: Images) -> Tensor<2> {
         match (self, images) {
-            (Self::Approach(network), Images::Pair { current, goal }) => network.forward(current, goal),
-            (Self::Avoidance(network), Images::Single(image)) => network.forward(image),
+            (Self::Approach(network), Images { current, goal: Some(goal) }) => network.forward(current, goal),
+            (Self::Avoidance(network), Images { current, goal: None }) => network.forward(current),
             _ => panic!("images of the other task"),
         }
     }

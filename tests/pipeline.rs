@@ -1,0 +1,115 @@
+//! From datasets to Table 1 and the report, through the command line.
+
+use crate::support::{Folder, Run, repository};
+use serde_json::Value;
+
+fn reproduce(folder: &Folder, further: &str) -> Run {
+    let configs = repository().join("tests/testdata");
+    folder
+        .run(&format!("reproduce --configs {} --out run --device cpu --json {further}", configs.display()))
+        .ok()
+}
+
+/// Tables without the times.
+fn measured(results: &Value) -> Vec<(String, Value)> {
+    let systems = results["evaluation"].as_array().unwrap();
+    let untimed = |system: &Value| {
+        system
+            .as_object()
+            .unwrap()
+            .clone()
+            .into_iter()
+            .filter(|(key, _)| key != "ms_per_step")
+            .collect::<Vec<_>>()
+    };
+    systems.iter().flat_map(untimed).collect()
+}
+
+#[test]
+fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
+    let folder = Folder::new();
+    let first = reproduce(&folder, "");
+    let results = first.json();
+    assert_eq!(results["datasets"].as_array().unwrap().len(), 4);
+    for network in ["approach", "plain"] {
+        for key in ["samples_per_s", "seconds", "position_error_mm", "orientation_error_deg"] {
+            let value = &results["training"][network][key];
+            assert!(value.as_f64().is_some_and(|value| value > 0.0), "{network}: {key} = {value}");
+        }
+    }
+    for system in results["evaluation"].as_array().unwrap() {
+        assert_eq!(system["sessions"], 4);
+        for key in ["position_norm_mm", "orientation_norm_deg", "position_p95_mm", "collided_rate"] {
+            assert!(system[key].as_f64().is_some(), "{key} in {system}");
+        }
+        for stage in ["render", "approach", "avoid", "deflect", "qp"] {
+            assert!(system["ms_per_step"][stage].as_f64().is_some(), "{stage} in {system}");
+        }
+    }
+    let table = first.stdout();
+    assert!(table.contains("Table 1") && table.contains("the paper"), "{table}");
+    for file in ["table1.txt", "table1.md", "table1.csv", "table1.json", "results.json", "config.toml"] {
+        assert!(folder.path("run").join(file).exists(), "{file}");
+    }
+    let page = std::fs::read_to_string(folder.path("run/report.html")).unwrap();
+    for part in ["Table 1", "Figure 6", "Figure 7", "Figure 8", "Figure 9", "<svg", "data:image/png;base64,"]
+    {
+        assert!(page.contains(part), "{part} is missing in the report");
+    }
+    assert!(
+        !page.contains("src=\"http") && !page.contains("href=\"http"),
+        "the page needs nothing from elsewhere"
+    );
+
+    let again = reproduce(&folder, "");
+    assert!(again.stderr().contains("training approach: finished before"), "{}", again.stderr());
+    assert_eq!(measured(&again.json()), measured(&results));
+
+    let anew = Folder::new();
+    let anew = reproduce(&anew, "");
+    assert_eq!(measured(&anew.json()), measured(&results), "the same seed gives the same table");
+
+    let changed = reproduce(&folder, "--set training.plain.optimizer.learning_rate=5e-4");
+    let told = changed.stderr();
+    assert!(
+        told.contains("training approach: finished before")
+            && !told.contains("training plain: finished before"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_model_is_trained_published_and_evaluated_by_name() {
+    let folder = Folder::new();
+    let configs = repository().join("configs");
+    let camera = "--set world.camera.width=32 --set world.camera.height=24";
+    let tiny = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=4 \
+                --set validation=0.25 --set optimizer.epochs=2 --device cpu";
+    let dataset = configs.join("datasets/a.toml");
+    folder.run(&format!("dataset generate {} --out a --set count=16 {camera}", dataset.display())).ok();
+    let train = configs.join("train/approach.toml");
+    let trained =
+        folder.run(&format!("train {} --data a --out run {tiny} --json", train.display())).ok().json();
+    assert!(trained["position_error_mm"].as_f64().unwrap() > 0.0);
+    folder.run("model publish run/best approach").ok();
+    let eval = format!(
+        "eval {} {camera} --set sessions=2 --set servo.max_steps=5",
+        configs.join("eval/oracle.toml").display()
+    );
+    let by_name = folder.run(&format!("{eval} --approach approach@1 --out e1 --json")).ok().json();
+    let by_path = folder.run(&format!("{eval} --approach run/best --out e2 --json")).ok().json();
+    assert_eq!(by_name["position_norm_mm"], by_path["position_norm_mm"]);
+    assert!(folder.path("e1/table1.md").exists() && folder.path("e1/config.toml").exists());
+}
+
+#[test]
+fn ground_truth_converges_through_the_same_loop() {
+    let folder = Folder::new();
+    let oracle = repository().join("configs/eval/oracle.toml");
+    let camera = "--set world.camera.width=32 --set world.camera.height=24";
+    let result = folder.run(&format!("eval {} {camera} --out e --json", oracle.display())).ok().json();
+    assert_eq!(result["sessions"], 40);
+    assert_eq!(result["converged_rate"], 1.0);
+    assert_eq!(result["collided_rate"], 0.0);
+    assert!(result["position_max_mm"].as_f64().unwrap() < 0.1, "{result}");
+}
