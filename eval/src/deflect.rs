@@ -231,6 +231,14 @@ mod tests {
     }
 
     #[test]
+    fn a_detour_does_not_lead_lower_than_the_wanted_way() {
+        let above = obstacles(&[Vector3::new(1.0, 0.0, 0.3)]);
+        let rise = |mode| deflect(&mut Deflector::new(&config(mode), &points()), &above).motion.translation.z;
+        assert!(rise(DeflectionMode::Paper) < 0.0, "as printed, under the obstacle");
+        assert!(rise(DeflectionMode::Keep) >= 0.0);
+    }
+
+    #[test]
     fn at_a_threshold_of_1_every_direction_is_admitted() {
         let open = DeflectionConfig { threshold: 1.0, max_threshold: 1.0, ..config(DeflectionMode::Keep) };
         let mut deflector = Deflector::new(&open, &points());

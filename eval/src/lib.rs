@@ -25,6 +25,7 @@ pub mod figures;
 mod fixture;
 pub mod grid;
 pub mod joint_limits;
+mod learned;
 pub mod measures;
 pub mod mediate;
 pub mod oracle;

@@ -28,6 +28,9 @@ const LEAST_UNIT: f64 = 1e-6;
 /// Clarabel's tolerances, in these units. Its default of 1e-8 on the cost is 1e-3 on a rotation.
 const TOLERANCE: f64 = 1e-11;
 
+/// The second attempt where rounding keeps the solver from the first tolerance: Clarabel's default.
+const LOOSE_TOLERANCE: f64 = 1e-8;
+
 /// No displacement is this long in these units: a row that leaves more room binds nothing, and large numbers cost accuracy.
 const FAR: f64 = 1e3;
 
@@ -182,21 +185,25 @@ fn solve(q: &Matrix6<f64>, c: &Vector6<f64>, rows: &[Row], slack_weight: f64) ->
         b.push(0.0);
     }
 
-    let settings = DefaultSettings {
-        verbose: false,
-        tol_gap_abs: TOLERANCE,
-        tol_gap_rel: TOLERANCE,
-        tol_feas: TOLERANCE,
-        ..DefaultSettings::default()
-    };
     let (quadratic, a) = (CscMatrix::from(&quadratic), CscMatrix::from(&a));
-    match DefaultSolver::new(&quadratic, &linear, &a, &b, &[NonnegativeConeT(b.len())], settings) {
-        Ok(mut solver) => {
-            solver.solve();
-            (solver.solution.x, status(solver.solution.status))
+    let attempt = |tolerance| {
+        let settings = DefaultSettings {
+            verbose: false,
+            tol_gap_abs: tolerance,
+            tol_gap_rel: tolerance,
+            tol_feas: tolerance,
+            ..DefaultSettings::default()
+        };
+        match DefaultSolver::new(&quadratic, &linear, &a, &b, &[NonnegativeConeT(b.len())], settings) {
+            Ok(mut solver) => {
+                solver.solve();
+                (solver.solution.x, status(solver.solution.status))
+            }
+            Err(_) => (Vec::new(), QpStatus::Failed),
         }
-        Err(_) => (Vec::new(), QpStatus::Failed),
-    }
+    };
+    let strict = attempt(TOLERANCE);
+    if strict.1 == QpStatus::Failed { attempt(LOOSE_TOLERANCE) } else { strict }
 }
 
 /// Clarabel's verdict in ours.
