@@ -61,7 +61,8 @@ impl Camera {
         let robot_from_camera = robot_from_hand * self.hand_from_camera;
         let point_in_camera = robot_from_camera.inverse_transform_point(point_in_robot);
         self.project(&point_in_camera).is_some_and(|pixel| {
-            (0.0..f64::from(self.width)).contains(&pixel.x) && (0.0..f64::from(self.height)).contains(&pixel.y)
+            (0.0..f64::from(self.width)).contains(&pixel.x)
+                && (0.0..f64::from(self.height)).contains(&pixel.y)
         })
     }
 }
@@ -72,7 +73,12 @@ mod tests {
     use approx::assert_relative_eq;
 
     fn vga() -> Camera {
-        Camera::new(&CameraConfig { width: 640, height: 480, horizontal_fov_deg: 60.0, behind_hand_mm: 100.0 })
+        Camera::new(&CameraConfig {
+            width: 640,
+            height: 480,
+            horizontal_fov_deg: 60.0,
+            behind_hand_mm: 100.0,
+        })
     }
 
     #[test]
@@ -95,7 +101,9 @@ mod tests {
         let camera = vga();
         let hand = crate::pose::HandPose { position: Vector3::new(0.3, 0.1, 0.2), angles: Vector3::zeros() };
         let robot_from_camera = hand.robot_from_hand() * camera.hand_from_camera;
-        let see = |x, y| camera.project(&robot_from_camera.inverse_transform_point(&Point3::new(x, y, 0.0))).unwrap();
+        let see = |x, y| {
+            camera.project(&robot_from_camera.inverse_transform_point(&Point3::new(x, y, 0.0))).unwrap()
+        };
         assert_relative_eq!(see(0.3, 0.1), camera.center, epsilon = 1e-9);
         assert!(see(0.35, 0.1).y < camera.center.y, "forward is up");
         assert!(see(0.3, 0.05).x > camera.center.x, "the robot's right is right");

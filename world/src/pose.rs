@@ -74,7 +74,8 @@ impl PoseChange {
     #[must_use]
     pub fn capped(&self, translation: f64, rotation: f64) -> Self {
         let shorten = |length: f64, cap: f64| if length > cap { cap / length } else { 1.0 };
-        let factor = shorten(self.translation.norm(), translation).min(shorten(self.rotation.norm(), rotation));
+        let factor =
+            shorten(self.translation.norm(), translation).min(shorten(self.rotation.norm(), rotation));
         self.scaled(factor)
     }
 

@@ -53,7 +53,11 @@ impl Table {
     /// From the configuration.
     pub fn new(config: &TableConfig) -> Self {
         let [x, y, z] = config.center_mm.map(mm);
-        Self { center: Point3::new(x, y, z), half_size: config.size_mm.map(|s| mm(s) / 2.0), color: config.color }
+        Self {
+            center: Point3::new(x, y, z),
+            half_size: config.size_mm.map(|s| mm(s) / 2.0),
+            color: config.color,
+        }
     }
 
     /// Height of its surface in the robot frame \[m\].
