@@ -23,9 +23,21 @@ impl fmt::Display for BadInput {
 impl std::error::Error for BadInput {}
 
 /// Marks an error as the user's input.
-pub(crate) fn bad_input(error: impl fmt::Display) -> anyhow::Error {
-    // The alternate form prints a chain of causes in one line.
-    anyhow!(BadInput(format!("{error:#}")))
+pub(crate) fn bad_input(error: impl Into<anyhow::Error>) -> anyhow::Error {
+    anyhow!(BadInput(in_words(&error.into())))
+}
+
+/// An error with its causes in one line. Some errors tell their cause themselves: what was said is not said again.
+pub(crate) fn in_words(error: &anyhow::Error) -> String {
+    let mut words = String::new();
+    for cause in error.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {
+        if words.is_empty() {
+            words = cause;
+        } else if !words.contains(&cause) {
+            words = format!("{words}: {cause}");
+        }
+    }
+    words
 }
 
 /// A configuration with everything that it extends, before it is given a type.
@@ -52,7 +64,7 @@ impl Config {
     pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T> {
         let parsed: Result<T, toml::de::Error> = T::deserialize(self.table.clone());
         parsed
-            .map_err(|error| bad_input(format!("{}: {}", self.path.display(), error.to_string().trim_end())))
+            .map_err(|error| bad_input(anyhow!("{}: {}", self.path.display(), error.to_string().trim_end())))
     }
 
     /// Adds the file's name to an error of its values.

@@ -49,7 +49,7 @@ fn first_card(kind: burn::tensor::DeviceType, name: &str) -> Result<Opened> {
     });
     match card {
         Some((device, card)) => Ok(Opened { device, name: format!("{name}: {card}") }),
-        None => Err(crate::config::bad_input(format!(
+        None => Err(crate::config::bad_input(anyhow::anyhow!(
             "--device {name}: no such graphics processor on this machine; --device cpu always works"
         ))),
     }
@@ -77,7 +77,7 @@ fn cuda() -> Result<Opened> {
 
 #[cfg(any(not(feature = "wgpu"), not(feature = "cuda")))]
 fn not_built(name: &str) -> Result<Opened> {
-    Err(crate::config::bad_input(format!(
+    Err(crate::config::bad_input(anyhow::anyhow!(
         "--device {name}: this program was built without it; build with `cargo build --release --features {name}`, \
          or use --device cpu"
     )))

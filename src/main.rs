@@ -20,7 +20,7 @@ fn main() -> ExitCode {
     match commands::run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", config::in_words(&error));
             let usage = error.chain().any(|cause| cause.is::<config::BadInput>());
             ExitCode::from(if usage { 2 } else { 1 })
         }

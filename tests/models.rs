@@ -62,7 +62,8 @@ fn names_that_are_none_are_refused() {
     for name in ["../out", "a/b", "Upper", "."] {
         folder.run(&format!("model publish run {name}")).fails(2, &[name]);
     }
-    folder.run("model show avoid@0").fails(1, &["models"]);
+    folder.run("model show avoid@0").fails(2, &["avoid@0"]);
+    folder.run("model show avoid@1").fails(1, &["models"]);
     folder.run("model publish run avoid").ok();
     folder.run("model show avoid@7").fails(1, &["avoid@7"]);
     folder.run("model show avoid@x").fails(2, &["avoid@x"]);
