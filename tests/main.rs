@@ -17,6 +17,10 @@ mod datasets;
 /// Bad input: each case gets a clear error and the right exit code.
 mod bad_input;
 
+/// Ctrl-C and a full disk: what is finished stays, and the same command goes on.
+#[cfg(unix)]
+mod interrupted;
+
 /// From datasets to Table 1 and the report, through the command line.
 mod pipeline;
 

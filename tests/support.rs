@@ -31,6 +31,38 @@ impl Folder {
             .unwrap();
         Run { arguments: arguments.to_owned(), output }
     }
+
+    /// Runs it with every file that it writes limited to this many blocks of 512 or 1024 bytes: past that a write fails, as
+    /// on a full disk.
+    #[cfg(unix)]
+    pub(crate) fn run_with_little_space(&self, blocks: u32, arguments: &str) -> Run {
+        let program = env!("CARGO_BIN_EXE_flowservo");
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec {program} {arguments}");
+        let output = Command::new("sh").arg("-c").arg(script).current_dir(self.0.path()).output().unwrap();
+        Run { arguments: arguments.to_owned(), output }
+    }
+
+    /// Runs it and presses Ctrl-C as soon as `begun` exists.
+    #[cfg(unix)]
+    pub(crate) fn run_until(&self, begun: &str, arguments: &str) -> Run {
+        let child = Command::new(env!("CARGO_BIN_EXE_flowservo"))
+            .args(arguments.split_whitespace())
+            .current_dir(self.0.path())
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let begun = self.path(begun);
+        for _ in 0..3000 {
+            if begun.exists() {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        let output = child.wait_with_output().unwrap();
+        Run { arguments: arguments.to_owned(), output }
+    }
 }
 
 /// What a run of the program left behind.
