@@ -21,7 +21,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {}", config::in_words(&error));
-            let usage = error.chain().any(|cause| cause.is::<config::BadInput>());
+            let usage = error.chain().any(<dyn std::error::Error>::is::<config::BadInput>);
             ExitCode::from(if usage { 2 } else { 1 })
         }
     }

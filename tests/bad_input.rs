@@ -40,7 +40,7 @@ fn bad_configurations() {
         (base.replace("[rejection]", "[rejections]"), ["bad.toml", "`rejections`"]),
         (base.replace("seed = ", "seed = = "), ["bad.toml", "seed"]),
         (
-            base.lines().filter(|line| !line.starts_with("seed")).map(|l| format!("{l}\n")).collect(),
+            base.lines().filter(|line| !line.starts_with("seed")).collect::<Vec<_>>().join("\n"),
             ["bad.toml", "`seed`"],
         ),
     ] {

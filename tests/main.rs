@@ -1,6 +1,7 @@
 //! Integration tests: one binary, because every further one would link Burn again.
 
 #![forbid(unsafe_code)]
+#![allow(clippy::unwrap_used)]
 
 /// Drives the program in a folder of its own.
 mod support;

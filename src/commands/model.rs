@@ -70,7 +70,7 @@ pub(crate) fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Res
     match &published {
         Published::New(_) => println!("published {name}@{version}"),
         Published::AlreadyThere(_) => {
-            println!("{name}@{version} has this content already; nothing was published")
+            println!("{name}@{version} has this content already; nothing was published");
         }
     }
     Ok(published)

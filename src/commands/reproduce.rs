@@ -235,7 +235,9 @@ impl Reproduction<'_> {
             };
             let resume = folder.join("last").exists();
             let name = format!("training {name}");
-            let trained = train::fit(&name, &config, &folder, &self.device, resume, self.stop)?;
+            let device = &self.device;
+            let job = train::Job { name: &name, config: &config, out: &folder, device, resume };
+            let trained = train::fit(&job, self.stop)?;
             let seconds = trained.seconds;
             (trained, Some(seconds))
         };

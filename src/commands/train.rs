@@ -52,20 +52,35 @@ pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()>
     }
     file.check(config.task())?;
     let device = device::open(arguments.device)?;
-    let trained = fit("training", &config, &arguments.out, &device, arguments.resume, stop)?;
+    let job = Job {
+        name: "training",
+        config: &config,
+        out: &arguments.out,
+        device: &device,
+        resume: arguments.resume,
+    };
+    let trained = fit(&job, stop)?;
     println!("{}: {}", trained.checkpoint.display(), in_words(&trained.best.validation));
     print_json(json, &trained)
 }
 
+/// A network to train.
+pub(crate) struct Job<'a> {
+    /// How the work is called in front of people.
+    pub(crate) name: &'a str,
+    /// What is done.
+    pub(crate) config: &'a TrainConfig,
+    /// Folder of the run.
+    pub(crate) out: &'a Path,
+    /// Where it is computed.
+    pub(crate) device: &'a Opened,
+    /// Continue the run in the folder.
+    pub(crate) resume: bool,
+}
+
 /// Trains a network in a folder and shows how it goes.
-pub(crate) fn fit(
-    name: &str,
-    config: &TrainConfig,
-    out: &Path,
-    device: &Opened,
-    resume: bool,
-    stop: &Stop,
-) -> Result<Trained> {
+pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
+    let Job { name, config, out, device, resume } = *job;
     let task = config.task()?;
     let loading = Progress::start(&format!("{name}: reading"), "examples", 0);
     let examples =
