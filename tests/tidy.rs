@@ -87,6 +87,7 @@ fn millimetres_and_degrees_stay_at_the_edges() {
         "config",
         "commands/train",
         "commands/dataset",
+        "error",
         "units",
         "metric",
         "table",

@@ -91,7 +91,7 @@ fn figures(reproduced: &Reproduced, device: &Device) -> Result<Vec<Figure>> {
         drawn.push(figure_7(&environment, record)?);
         drawn.push(figure_8(record));
     }
-    drawn.push(figure_9(&environment, records)?);
+    drawn.push(figure_9(&environment, &records[..records.len().min(5)])?);
     Ok(drawn)
 }
 
@@ -102,10 +102,10 @@ fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
         [(Kind::Approach, "Training of CNN_approach"), (Kind::Avoidance, "Training of CNN_avoid")]
     {
         let mut curves = Vec::new();
-        for (name, (folder, _)) in &reproduced.trained {
+        for (name, (folder, trained)) in &reproduced.trained {
             if reproduced.config.training[name].kind == kind {
                 let epochs = history::read(folder)?.iter().map(epoch).collect();
-                curves.push(TrainingCurve { name: name.clone(), epochs });
+                curves.push(TrainingCurve { name: name.clone(), epochs, losses: trained.losses.clone() });
             }
         }
         if !curves.is_empty() {
@@ -122,7 +122,6 @@ fn epoch(record: &::train::fit::EpochRecord) -> Epoch {
     };
     Epoch {
         epoch: record.epoch,
-        train_loss: record.training_loss,
         validation_loss: record.validation.loss(),
         position_error_mm,
         orientation_error_deg,

@@ -41,6 +41,8 @@ pub(crate) struct Trained {
     pub(crate) orientation_error_deg: Option<f64>,
     /// The best epoch.
     pub(crate) best: EpochRecord,
+    /// Mean loss of successive groups of batches of this run, at the epoch's fraction at which the group ends.
+    pub(crate) losses: Vec<[f64; 2]>,
 }
 
 /// Runs the command.
@@ -91,11 +93,16 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     progress.say(&format!("{name}: {} examples, on {}", examples.len(), device.name));
     let run = Run { config, directory: out, device: &device.device, resume, stop: stop.flag() };
     let mut samples = 0;
+    let mut losses = LossCurve::default();
     let fitted = fit::fit(&run, &examples, &mut |news| match news {
         fit::Progress::Step { epoch: [epoch, epochs], batch: [batch, batches], examples: step, loss } => {
             samples += step;
-            let done = ((epoch - 1) * batches + batch) as f64 / (epochs * batches) as f64;
-            progress.update((done * total as f64) as u64, &format!("epoch {epoch}/{epochs}, loss {loss:.4}"));
+            let done = (epoch - 1) as f64 + batch as f64 / batches as f64;
+            losses.add(loss, done, (epochs * batches).div_ceil(LossCurve::GROUPS));
+            progress.update(
+                (done / epochs as f64 * total as f64) as u64,
+                &format!("epoch {epoch}/{epochs}, loss {loss:.4}"),
+            );
         }
         fit::Progress::Epoch(record) => progress.say(&format!(
             "{name}: epoch {}, training loss {:.4}, validation {}",
@@ -119,9 +126,33 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
         position_error_mm,
         orientation_error_deg,
         best: fitted.best,
+        losses: losses.points,
     };
     write_file(&out.join(RESULT), serde_json::to_string_pretty(&trained)?)?;
     Ok(trained)
+}
+
+/// The losses of a run, averaged over groups of batches.
+#[derive(Default)]
+struct LossCurve {
+    points: Vec<[f64; 2]>,
+    sum: f64,
+    batches: usize,
+}
+
+impl LossCurve {
+    /// About so many groups a run.
+    const GROUPS: usize = 100;
+
+    /// One more batch, after which `epoch` epochs are done; `group` batches make a group.
+    fn add(&mut self, loss: f64, epoch: f64, group: usize) {
+        self.sum += loss;
+        self.batches += 1;
+        if self.batches == group {
+            self.points.push([epoch, self.sum / group as f64]);
+            (self.sum, self.batches) = (0.0, 0);
+        }
+    }
 }
 
 /// Validation metrics in a few words.

@@ -22,14 +22,14 @@ impl Onlooker {
     pub fn new(target: &Point3<f64>, width: u32) -> Self {
         let height = width * 3 / 4;
         let eye = target + Vector3::new(0.60, -0.50, 0.42);
-        let forward = (target + Vector3::new(0.0, 0.0, 0.10) - eye).normalize();
+        let forward = (target + Vector3::new(0.0, 0.0, 0.13) - eye).normalize();
         let right = forward.cross(&Vector3::z()).normalize();
         let axes = Matrix3::from_columns(&[right, forward.cross(&right), forward]);
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let camera = Camera {
             width,
             height,
-            focal: 1.6 * f64::from(width),
+            focal: 1.25 * f64::from(width),
             center: Point2::new(f64::from(width) / 2.0, f64::from(height) / 2.0),
             hand_from_camera: Isometry3::identity(),
         };

@@ -9,8 +9,6 @@ use crate::svg::{Area, PALETTE, Svg};
 pub struct Epoch {
     /// Its number.
     pub epoch: usize,
-    /// Mean loss over the training examples.
-    pub train_loss: f64,
     /// Loss over the validation examples.
     pub validation_loss: f64,
     /// Mean position error over the validation examples; `None` for a network that predicts no motion.
@@ -26,19 +24,20 @@ pub struct TrainingCurve {
     pub name: String,
     /// Its epochs in order.
     pub epochs: Vec<Epoch>,
+    /// Mean loss of successive groups of batches, each before its step, at the epoch's fraction at which the group ends.
+    pub losses: Vec<[f64; 2]>,
 }
 
 /// Panels for the loss and, where networks predict motions, for position and orientation error on the validation examples.
 pub fn training_curves(label: &str, curves: &[TrainingCurve]) -> Figure {
     const TOP: f64 = 34.0;
-    let loss = lines(curves, |e| Some(e.validation_loss), false);
-    let mut panels =
-        vec![chart("Loss", [lines(curves, |e| Some(e.train_loss), true), loss.clone()].concat())];
+    let loss = lines(curves, |e| Some(e.validation_loss));
+    let mut panels = vec![chart("Loss", [training_losses(curves), loss.clone()].concat())];
     for (heading, value) in [
         ("Position error [mm]", (|e| e.position_error_mm) as fn(&Epoch) -> Option<f64>),
         ("Orientation error [deg]", |e| e.orientation_error_deg),
     ] {
-        let series = lines(curves, value, false);
+        let series = lines(curves, value);
         if series.iter().any(|s| !s.points.is_empty()) {
             panels.push(chart(heading, series));
         }
@@ -66,17 +65,19 @@ fn chart(heading: &str, series: Vec<Series>) -> Chart {
 }
 
 /// One nameless line a curve, in its color in every panel.
-fn lines(curves: &[TrainingCurve], value: fn(&Epoch) -> Option<f64>, dashed: bool) -> Vec<Series> {
+fn lines(curves: &[TrainingCurve], value: fn(&Epoch) -> Option<f64>) -> Vec<Series> {
     let points = |curve: &TrainingCurve| -> Vec<[f64; 2]> {
         curve.epochs.iter().filter_map(|e| value(e).map(|v| [e.epoch as f64, v])).collect()
     };
-    let line = |(i, curve): (usize, &TrainingCurve)| Series {
-        name: String::new(),
-        color: PALETTE[i % PALETTE.len()],
-        dashed,
-        points: points(curve),
-    };
-    curves.iter().enumerate().map(line).collect()
+    curves.iter().enumerate().map(|(i, curve)| series(i, false, points(curve))).collect()
+}
+
+fn training_losses(curves: &[TrainingCurve]) -> Vec<Series> {
+    curves.iter().enumerate().map(|(i, curve)| series(i, true, curve.losses.clone())).collect()
+}
+
+fn series(curve: usize, dashed: bool, points: Vec<[f64; 2]>) -> Series {
+    Series { name: String::new(), color: PALETTE[curve % PALETTE.len()], dashed, points }
 }
 
 #[cfg(test)]
@@ -87,12 +88,15 @@ mod tests {
     fn curve(position_error_mm: Option<f64>) -> TrainingCurve {
         let epoch = |epoch| Epoch {
             epoch,
-            train_loss: 1.0 / epoch as f64,
             validation_loss: 1.2 / epoch as f64,
             position_error_mm,
             orientation_error_deg: position_error_mm,
         };
-        TrainingCurve { name: "a <net>".into(), epochs: (1..=5).map(epoch).collect() }
+        TrainingCurve {
+            name: "a <net>".into(),
+            epochs: (1..=5).map(epoch).collect(),
+            losses: vec![[0.5, 2.0], [1.0, 1.0]],
+        }
     }
 
     #[test]
