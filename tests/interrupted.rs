@@ -14,14 +14,14 @@ fn generate(count: usize) -> String {
 #[test]
 fn a_dataset_goes_on_after_ctrl_c() {
     let folder = Folder::new();
-    let stopped = folder.run_until("data/data/train-00000-of-00016.parquet", &generate(2048));
+    let stopped = folder.run_until("data/data/train-00000-of-00032.parquet", &generate(4096));
     stopped.fails(1, &["stopped after", "the same command continues"]);
     assert!(!folder.path("data/dataset.json").exists(), "an incomplete dataset must not look complete");
-    let result = folder.run(&generate(2048)).ok().json();
+    let result = folder.run(&generate(4096)).ok().json();
     let made = result["rows_made"].as_u64().unwrap();
-    assert!(made > 0 && made < 2048, "{made} rows were made again");
+    assert!(made > 0 && made < 4096, "{made} rows were made again");
     let whole = Folder::new();
-    let undisturbed = whole.run(&generate(2048)).ok().json();
+    let undisturbed = whole.run(&generate(4096)).ok().json();
     assert_eq!(result["digest"], undisturbed["digest"]);
 }
 
@@ -33,7 +33,7 @@ fn training_goes_on_after_ctrl_c_and_ends_alike() {
     let train = |out: &str| {
         format!(
             "train {} --data data --out {out} --device cpu --json --set network.width=0.02 --set network.head=8 \
-             --set network.input=[32,24] --set optimizer.batch=4 --set validation=0.25 --set optimizer.epochs=40",
+             --set network.input=[32,24] --set optimizer.batch=4 --set validation=0.25 --set optimizer.epochs=150",
             config.display()
         )
     };

@@ -290,3 +290,26 @@ impl Reproduction<'_> {
         Ok((measured, records))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_presets_can_come_to_their_end() {
+        for preset in ["quick", "cpu", "paper"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("configs/reproduce/{preset}.toml"));
+            let file = Config::load(&path, &[]).unwrap();
+            let config: ReproduceConfig = file.parse().unwrap();
+            config.check(&file).unwrap();
+            // What the paper calls 52,000 examples, in its ratio.
+            let counts = ["a", "b", "c"].map(|name| config.datasets[name].count);
+            assert_eq!(counts, [20_000, 20_000, 12_000], "{preset}");
+            // Networks are evaluated with the camera whose images they know.
+            assert!(
+                config.datasets.values().all(|dataset| dataset.world == config.evaluation.world),
+                "{preset}"
+            );
+        }
+    }
+}

@@ -180,12 +180,17 @@ pub(crate) fn provenance(checkpoint: &Path) -> Result<Provenance> {
     }
     let config = std::fs::read(checkpoint.join("config.toml"))?;
     let software = BTreeMap::from([("flowservo".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]);
+    // The run's own folder, if the checkpoint still lies in it, knows the device.
+    let result = checkpoint.parent().and_then(|run| std::fs::read_to_string(run.join(RESULT)).ok());
+    let result: Option<Trained> = result.and_then(|text| serde_json::from_str(&text).ok());
     let lineage = Lineage {
         datasets,
         config: Some(Digest::of(&config)),
+        parent: None,
+        code_revision: option_env!("FLOWSERVO_REVISION").map(str::to_owned),
         seed: Some(info.seed),
+        device: result.map(|trained| trained.device),
         software,
-        ..Lineage::default()
     };
     let metrics = info.epoch.as_ref().map(|epoch| metrics(&epoch.validation)).unwrap_or_default();
     Ok(Provenance { lineage, metrics, created: None })
