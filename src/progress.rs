@@ -18,10 +18,11 @@ pub(crate) struct Progress {
     plain: Mutex<Plain>,
 }
 
-/// When the next plain line is due.
+/// When the next plain line is due, and what was done before the stage began.
 struct Plain {
     next: u64,
     last: Instant,
+    before: Option<u64>,
 }
 
 /// Plain lines come at every tenth of the work, and no more often than this.
@@ -50,7 +51,7 @@ impl Progress {
             total: AtomicU64::new(total),
             started,
             bar,
-            plain: Mutex::new(Plain { next: total.div_ceil(10), last: started }),
+            plain: Mutex::new(Plain { next: total.div_ceil(10), last: started, before: None }),
         }
     }
 
@@ -68,11 +69,12 @@ impl Progress {
         }
         let total = self.total.load(Ordering::Relaxed);
         let Ok(mut plain) = self.plain.lock() else { return };
+        let before = *plain.before.get_or_insert(done.saturating_sub(1));
         if done < plain.next || done >= total || plain.last.elapsed() < PLAIN_PAUSE {
             return;
         }
-        *plain = Plain { next: done + total.div_ceil(10), last: Instant::now() };
-        let rate = done as f64 / self.seconds().max(1e-9);
+        *plain = Plain { next: done + total.div_ceil(10), last: Instant::now(), before: Some(before) };
+        let rate = (done - before) as f64 / self.seconds().max(1e-9);
         let left = (total - done) as f64 / rate.max(1e-9);
         let Self { name, unit, .. } = self;
         eprintln!(

@@ -23,6 +23,11 @@ impl Stop {
         Ok(stop)
     }
 
+    /// Was it raised?
+    pub(crate) fn is_raised(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+
     /// The flag that libraries look at.
     pub(crate) fn flag(&self) -> &AtomicBool {
         &self.0

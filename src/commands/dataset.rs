@@ -69,7 +69,7 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
         datagen::generate(config, out, &Options { stop: stop.flag() }, &|state: datagen::Progress| {
             progress.update(state.rows_done, "");
         })?;
-    if summary.rows_made < summary.rows {
+    if (1..summary.rows).contains(&summary.rows_made) {
         progress.say(&format!(
             "{}: {} rows were there already",
             out.display(),

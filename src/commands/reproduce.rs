@@ -98,7 +98,9 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
     eprintln!("reproduce: preset {preset}, into {}, on {}", out.display(), device.name);
 
     let mut reproduction = Reproduction { config, out, device, stop, stages: Vec::new() };
-    let reproduced = reproduction.all_stages()?;
+    let reproduced = reproduction.all_stages().map_err(|error| {
+        if stop.is_raised() { error.context("stopped; the same command goes on where it was") } else { error }
+    })?;
     let Reproduction { out, device: Opened { device, .. }, .. } = reproduction;
     let systems: Vec<System> = reproduced.systems.iter().map(|(system, _)| system.clone()).collect();
     eval::write_tables(&out, &systems)?;
