@@ -2,7 +2,6 @@
 
 use super::reproduce::{Reproduced, SystemConfig};
 use super::write_file;
-use crate::progress::Progress;
 use ::eval::figures::Figure;
 use ::eval::figures::avoidance_maps::{AvoidanceExample, figure_6};
 use ::eval::figures::final_poses::figure_9;
@@ -10,6 +9,7 @@ use ::eval::figures::pose_error::figure_8;
 use ::eval::figures::snapshots::{self, figure_7};
 use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
 use ::eval::measures::System;
+use ::eval::paper::proposed_method;
 use ::eval::report::{Report, SessionGroup};
 use ::eval::trace::SessionRecord;
 use ::train::history;
@@ -24,7 +24,6 @@ use world::{AvoidanceMap, Environment};
 
 /// Writes the page.
 pub(crate) fn write(preset: &str, reproduced: &Reproduced, device: &Device, out: &Path) -> Result<()> {
-    let progress = Progress::start("report", "pages", 1);
     let report = Report {
         title: "Visual servoing in a virtual environment: a reproduction".to_owned(),
         summary: summary(preset, reproduced),
@@ -35,9 +34,7 @@ pub(crate) fn write(preset: &str, reproduced: &Reproduced, device: &Device, out:
         sessions: reproduced.systems.iter().map(|(s, records)| SessionGroup::of(&s.name, records)).collect(),
         settings: vec![("config.toml".to_owned(), toml::to_string(&reproduced.config)?)],
     };
-    write_file(&out.join("report.html"), report.to_html())?;
-    progress.finish();
-    Ok(())
+    write_file(&out.join("report.html"), report.to_html())
 }
 
 fn summary(preset: &str, reproduced: &Reproduced) -> Vec<String> {
@@ -51,12 +48,16 @@ fn summary(preset: &str, reproduced: &Reproduced) -> Vec<String> {
         reproduced.config.evaluation.obstacles.count[1]
     )];
     if let Some((System { name, accuracy, conduct }, _)) = reproduced.systems.first() {
+        let paper = proposed_method();
         paragraphs.push(format!(
             "Over {} sessions, {name} ended {:.2} mm and {:.2} degrees from the goal (norms of the mean errors, as in the \
-             paper, which reports 4.5 mm and 1.6 degrees); the median distance is {:.2} mm, and {} sessions collided.",
+             paper, which reports {:.1} mm and {:.1} degrees); the median distance is {:.2} mm, and {} of the sessions ended \
+             in a collision.",
             conduct.sessions,
             to_mm(accuracy.position_norm()),
             to_deg(accuracy.orientation_norm()),
+            to_mm(paper.position_norm),
+            to_deg(paper.orientation_norm),
             to_mm(accuracy.position.median),
             conduct.collided
         ));
