@@ -29,6 +29,7 @@ fn samples_a_second(config: &ApproachConfig, batch: usize) -> f64 {
 }
 
 fn main() {
+    train::memory::keep_freed();
     println!("trunk      symmetry       width input     batch  samples/s");
     for (input, batch, width) in [([128, 96], 32, 0.25), ([64, 48], 64, 0.25), ([128, 96], 8, 1.0)] {
         for trunk in [TrunkKind::FlowNetS, TrunkKind::Definet] {

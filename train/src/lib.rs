@@ -18,6 +18,7 @@ mod gradient;
 pub mod history;
 mod input;
 pub mod loss;
+pub mod memory;
 pub mod metric;
 pub mod model;
 pub mod net;

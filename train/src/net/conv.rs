@@ -26,7 +26,7 @@ pub(super) const SLOPE: f64 = 0.1;
 ///
 /// # Shapes
 /// - `input`: `[batch, height, width, in]`, channels last
-/// - `weight`: `[out, kernel, kernel, in]`, `kernel` odd
+/// - `weight`: `[kernel, kernel, in, out]`, `kernel` odd
 /// - `bias`: `[out]`
 /// - result: `[batch, ceil(height / stride), ceil(width / stride), out]`
 pub fn leaky_conv2d(input: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, stride: usize) -> Tensor<4> {
@@ -39,9 +39,9 @@ pub fn leaky_conv2d(input: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, stride
 
 /// [`leaky_conv2d`] out of Burn's own operations.
 fn composed(input: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, stride: usize) -> Tensor<4> {
-    let padding = weight.dims()[1] / 2;
+    let padding = weight.dims()[0] / 2;
     let options = ConvOptions::new([stride; 2], [padding; 2], [1, 1], 1);
-    let output = conv2d(input.permute([0, 3, 1, 2]), weight.permute([0, 3, 1, 2]), Some(bias), options);
+    let output = conv2d(input.permute([0, 3, 1, 2]), weight.permute([3, 2, 0, 1]), Some(bias), options);
     leaky_relu(output, SLOPE).permute([0, 2, 3, 1])
 }
 
@@ -142,7 +142,7 @@ fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D]) -> FlexTensor {
 /// A convolution with bias, followed by a leaky rectifier. All convolutions of all networks are this.
 #[derive(Module, Debug)]
 pub struct ConvBlock {
-    /// `[out, kernel, kernel, in]`.
+    /// `[kernel, kernel, in, out]`.
     pub weight: Param<Tensor<4>>,
     /// `[out]`.
     pub bias: Param<Tensor<1>>,
@@ -153,7 +153,7 @@ pub struct ConvBlock {
 impl ConvBlock {
     /// A block of `[in, out]` channels.
     pub fn new(init: &mut Init, [inputs, outputs]: [usize; 2], kernel: usize, stride: usize) -> Self {
-        let weight = init.kaiming([outputs, kernel, kernel, inputs], kernel * kernel * inputs);
+        let weight = init.kaiming([kernel, kernel, inputs, outputs], kernel * kernel * inputs);
         Self { weight, bias: init.zeros([outputs]), stride }
     }
 
@@ -180,7 +180,7 @@ mod tests {
 
     /// The output, and the gradients of input, weight and bias for a weighted sum of the output.
     fn evaluate(op: Op, input: [usize; 4], weight: [usize; 4], stride: usize) -> [TensorData; 4] {
-        let (x, w, b) = (noise(input, 1), noise(weight, 2), noise([weight[0]], 3));
+        let (x, w, b) = (noise(input, 1), noise(weight, 2), noise([weight[3]], 3));
         let [x, w, b] = [x.flatten(0, 3), w.flatten(0, 3), b].map(|t: Tensor<1>| t.detach().require_grad());
         let y = op(x.clone().reshape(input), w.clone().reshape(weight), b.clone(), stride);
         // Behind other values, so that the gradient arrives as a view into a larger tensor.
@@ -193,14 +193,14 @@ mod tests {
     #[test]
     fn agrees_with_the_convolution_of_burn() {
         let cases = [
-            ([2, 9, 13, 3], [5, 7, 7, 3], 2),
-            ([3, 8, 6, 4], [7, 5, 5, 4], 2),
-            ([2, 7, 5, 3], [4, 5, 5, 3], 1),
-            ([5, 2, 2, 6], [9, 3, 3, 6], 1),
-            ([4, 1, 1, 6], [5, 3, 3, 6], 2),
+            ([2, 9, 13, 3], [7, 7, 3, 5], 2),
+            ([3, 8, 6, 4], [5, 5, 4, 7], 2),
+            ([2, 7, 5, 3], [5, 5, 3, 4], 1),
+            ([5, 2, 2, 6], [3, 3, 6, 9], 1),
+            ([4, 1, 1, 6], [3, 3, 6, 5], 2),
             // Several tiles, chunks of the batch, and sums longer than one product.
-            ([3, 40, 44, 6], [16, 7, 7, 6], 2),
-            ([6, 17, 12, 70], [24, 3, 3, 70], 1),
+            ([3, 40, 44, 6], [7, 7, 6, 16], 2),
+            ([6, 17, 12, 70], [3, 3, 70, 24], 1),
         ];
         for (input, weight, stride) in cases {
             let ours = evaluate(leaky_conv2d, input, weight, stride);
@@ -214,12 +214,12 @@ mod tests {
     #[test]
     fn gradients_are_the_limit_of_differences() {
         let device = Device::flex().autodiff();
-        let (input, weight, stride) = ([1, 4, 3, 2], [2, 3, 3, 2], 2);
+        let (input, weight, stride) = ([1, 4, 3, 2], [3, 3, 2, 2], 2);
         let [_, analytic_x, analytic_w, _] = evaluate(leaky_conv2d, input, weight, stride);
         let value = |x: &[f32], w: &[f32]| {
             let x = Tensor::<4>::from_data(TensorData::new(x.to_vec(), input), &device);
             let w = Tensor::<4>::from_data(TensorData::new(w.to_vec(), weight), &device);
-            let y = leaky_conv2d(x, w, noise([weight[0]], 3), stride);
+            let y = leaky_conv2d(x, w, noise([weight[3]], 3), stride);
             let both = Tensor::cat(vec![noise(y.dims(), 5), y], 0);
             (both.clone() * noise(both.dims(), 4)).sum().into_scalar::<f32>()
         };
@@ -250,7 +250,7 @@ mod tests {
     fn the_number_of_threads_changes_no_bit() {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| evaluate(leaky_conv2d, [5, 33, 40, 8], [24, 5, 5, 8], 2))
+            pool.install(|| evaluate(leaky_conv2d, [5, 33, 40, 8], [5, 5, 8, 24], 2))
         };
         assert_eq!(run(1), run(3));
     }

@@ -1,35 +1,35 @@
-//! The arithmetic of [`leaky_conv2d`](super::conv::leaky_conv2d) on the CPU: patches gathered into a tile that stays
-//! in the cache, one matrix product a tile, threads over tiles.
+//! The three passes of [`leaky_conv2d`](super::conv::leaky_conv2d) on the CPU.
 //!
-//! Tensors keep their channels last, so that a row of a patch is one contiguous run of memory, an output tile is one
-//! contiguous slice, and a tile can span images (small maps would starve the product otherwise). With
-//! `patch = kernel * kernel * in`, the three passes are, all row-major,
+//! Tensors keep their channels last, so that a row of a patch is one contiguous run of memory. No patch is copied: images
+//! are copied once into a window with room for the padding, from which the products read patches where they lie. With
+//! `patch = kernel * kernel * in`, the passes are, all row-major,
 //!
 //! ```text
-//! output  [pixels, out]   = patches  [pixels, patch]  * weight^T  [patch, out]
-//! d input [pixels, patch] = d output [pixels, out]    * weight    [out, patch], added back where each patch came from
-//! d weight   [out, patch] = d output^T [out, pixels]  * patches   [pixels, patch]
+//! output   [pixels, out]  = patches [pixels, patch]  * weight [patch, out]
+//! d weight [patch, out]   = patches^T [patch, pixels] * d output [pixels, out]
+//! d input                 = for each remainder of the position divided by the stride, the taps of the kernel that meet
+//!                           it make a convolution of stride 1 of d output, with in and out exchanged
 //! ```
 //!
-//! Every partition depends on the sizes alone and partial sums are added in a fixed order: results are bit-identical
-//! for any number of threads.
-#![allow(unsafe_code)]
+//! Each element of a result is one sum in a fixed order, or a sum over parts that depend on the sizes alone: results are
+//! bit-identical for any number of threads, and equal images get equal features wherever they lie in the batch.
 
 use std::ops::Range;
 
-use gemm::Parallelism;
 use rayon::prelude::*;
 
-/// Elements of a tile of patches: a quarter of a 1 MiB L2 cache.
-const TILE: usize = 64 * 1024;
-/// Fewest pixels worth a matrix product.
-const TILE_PIXELS: usize = 64;
-/// Longest sum inside one product. `gemm` splits longer ones by a rule that looks at the other sizes too, and two
-/// equal images must get equal features wherever they lie in the batch.
-const DEPTH: usize = 512;
-/// The weight gradient is summed over at most this many chunks of the batch, of at least [`CHUNK_PIXELS`] pixels.
-const CHUNKS: usize = 16;
-const CHUNK_PIXELS: usize = 256;
+use super::conv_simd::{Accumulate, Correlate, TAIL, lanes, panel_columns};
+
+/// Elements of a window that leave room for a panel in a 1 MiB L2 cache.
+const WINDOW: usize = 64 * 1024;
+/// Fewest pixels worth a task of their own.
+const PIXELS: usize = 192;
+/// Rows of the weight's gradient that are summed together.
+const PATCH_ROWS: usize = 96;
+/// Tasks of a sum over the batch.
+const TASKS: usize = 16;
+/// Weights whose gradient is summed over parts of the batch.
+const FEW_WEIGHTS: usize = 128 * 1024;
 
 /// Sizes of one convolution with "same" padding `kernel / 2`.
 #[derive(Clone, Copy, Debug)]
@@ -44,10 +44,10 @@ pub(super) struct Geometry {
 }
 
 impl Geometry {
-    /// Sizes for an input `[batch, height, width, in]` and a weight `[out, kernel, kernel, in]`.
+    /// Sizes for an input `[batch, height, width, in]` and a weight `[kernel, kernel, in, out]`.
     pub(super) fn new(input: [usize; 4], weight: [usize; 4], stride: usize) -> Self {
         let [batch, height, width, channels] = input;
-        let [out_channels, kernel, kernel_width, weight_channels] = weight;
+        let [kernel, kernel_width, weight_channels, out_channels] = weight;
         assert!(kernel == kernel_width && kernel % 2 == 1, "the kernel must be square and odd: {weight:?}");
         assert_eq!(channels, weight_channels, "input {input:?} and weight {weight:?} differ in channels");
         assert!(stride > 0 && !input.contains(&0) && !weight.contains(&0), "empty convolution");
@@ -67,104 +67,286 @@ impl Geometry {
         [self.batch, self.out_height(), self.out_width(), self.out_channels]
     }
 
-    /// Output rows of the whole batch, the unit in which the work is divided.
-    fn rows(&self) -> usize {
-        self.batch * self.out_height()
-    }
-
-    /// Elements of one row of the kernel over all channels: contiguous in the input.
-    fn run(&self) -> usize {
-        self.kernel * self.channels
-    }
-
     fn patch(&self) -> usize {
-        self.kernel * self.run()
+        self.kernel * self.kernel * self.channels
     }
 
-    /// Output rows of a tile whose pixels have `elements` each.
-    fn tile_rows(&self, elements: usize) -> usize {
-        let pixels = (TILE / elements).max(TILE_PIXELS);
-        // Even, so that a tile never ends in a single pixel: a product with a vector sums in another order.
-        (pixels / self.out_width()).max(1).next_multiple_of(2)
+    /// The forward pass.
+    fn forward(&self) -> Correlation {
+        let padding = -(self.kernel / 2).cast_signed();
+        Correlation {
+            source: [self.height, self.width, self.channels],
+            begin: [padding; 2],
+            pixels: [self.out_height(), self.out_width()],
+            stride: self.stride,
+            taps: [self.kernel; 2],
+            output: [self.out_height(), self.out_width(), self.out_channels],
+            first: [0; 2],
+            step: 1,
+        }
     }
 
-    /// The piece of the input that row `ky` of the kernel reads at `pixel` of output row `row`: the position in the
-    /// run where it begins, and its range in the input. `None` if it lies in the padding.
-    fn piece(&self, row: usize, pixel: usize, ky: usize) -> Option<(usize, Range<usize>)> {
-        let padding = self.kernel / 2;
-        let (image, out_y) = (row / self.out_height(), row % self.out_height());
-        let y = (out_y * self.stride + ky).checked_sub(padding).filter(|&y| y < self.height)?;
-        let left = pixel * self.stride;
-        let skipped = padding.saturating_sub(left);
-        let (begin, end) = ((left + skipped) - padding, (left + self.kernel - padding).min(self.width));
-        let line = (image * self.height + y) * self.width;
-        Some((skipped * self.channels, (line + begin) * self.channels..(line + end) * self.channels))
+    /// The part of the input's gradient at positions `first + stride * i`, and for each of its taps the tap of the kernel.
+    fn backward(&self, first: [usize; 2]) -> (Correlation, Vec<[usize; 2]>) {
+        let (size, padding) = ([self.height, self.width], self.kernel / 2);
+        // Along either axis, tap k takes input position y to output position (y + padding - k) / stride if that is whole.
+        let remainder = first.map(|y| (y + padding) % self.stride);
+        let taps = remainder.map(|r| self.kernel.saturating_sub(r).div_ceil(self.stride));
+        let tap = |axis: usize, i: usize| remainder[axis] + self.stride * (taps[axis] - 1 - i);
+        let axis = |i: usize| {
+            let last = ((first[i] + padding) / self.stride).cast_signed();
+            (last + 1 - taps[i].cast_signed(), (size[i] - first[i]).div_ceil(self.stride))
+        };
+        let ((top, rows), (left, columns)) = (axis(0), axis(1));
+        let correlation = Correlation {
+            source: [self.out_height(), self.out_width(), self.out_channels],
+            begin: [top, left],
+            pixels: [rows, columns],
+            stride: 1,
+            taps,
+            output: [self.height, self.width, self.channels],
+            first,
+            step: self.stride,
+        };
+        let taps = (0..taps[0]).flat_map(|y| (0..taps[1]).map(move |x| [tap(0, y), tap(1, x)])).collect();
+        (correlation, taps)
+    }
+}
+
+/// `output[first + step * i] = sum over taps of source[begin + stride * i + tap] * weight[tap]`, where the source is zero
+/// outside. Sizes and positions are those of rows and columns; the third of a size is its channels.
+#[derive(Clone, Copy, Debug)]
+struct Correlation {
+    source: [usize; 3],
+    begin: [isize; 2],
+    pixels: [usize; 2],
+    stride: usize,
+    taps: [usize; 2],
+    output: [usize; 3],
+    first: [usize; 2],
+    step: usize,
+}
+
+/// Rows of pixels of some images; all their rows if there are several images.
+#[derive(Clone, Debug)]
+struct Section {
+    images: Range<usize>,
+    rows: Range<usize>,
+}
+
+impl Correlation {
+    fn patch(&self) -> usize {
+        self.taps[0] * self.run()
     }
 
-    /// Gathers the patches of output rows `rows`, of each only the kernel rows `taps`, one after the other.
-    fn gather(&self, input: &[f32], rows: Range<usize>, taps: Range<usize>, patches: &mut [f32]) {
-        let mut runs = patches.chunks_exact_mut(self.run());
-        for row in rows {
-            for pixel in 0..self.out_width() {
-                for (ky, run) in taps.clone().zip(&mut runs) {
-                    match self.piece(row, pixel, ky) {
-                        Some((at, from)) => {
-                            let to = at + from.len();
-                            run[..at].fill(0.0);
-                            run[at..to].copy_from_slice(&input[from]);
-                            run[to..].fill(0.0);
-                        }
-                        None => run.fill(0.0),
-                    }
-                }
+    /// Elements of a row of a patch.
+    fn run(&self) -> usize {
+        self.taps[1] * self.source[2]
+    }
+
+    /// Rows and columns of the part of the source that `rows` rows of pixels see.
+    fn window(&self, rows: usize) -> [usize; 2] {
+        [(rows, 0), (self.pixels[1], 1)].map(|(pixels, axis)| (pixels - 1) * self.stride + self.taps[axis])
+    }
+
+    fn window_len(&self, rows: usize) -> usize {
+        self.window(rows).iter().product::<usize>() * self.source[2]
+    }
+
+    /// The pixels of a batch in sections of about the size of a cache, in their order.
+    fn sections(&self, batch: usize) -> Vec<Section> {
+        let [rows, columns] = self.pixels;
+        let image = self.window_len(rows);
+        if image <= WINDOW {
+            let images = (WINDOW / image).min(PIXELS.div_ceil(rows * columns));
+            let section = |first| Section { images: first..(first + images).min(batch), rows: 0..rows };
+            return (0..batch).step_by(images).map(section).collect();
+        }
+        let band = rows.div_ceil(image.div_ceil(WINDOW));
+        let bands = move |image| {
+            let section = move |first| Section { images: image..image + 1, rows: first..(first + band).min(rows) };
+            (0..rows).step_by(band).map(section)
+        };
+        (0..batch).flat_map(bands).collect()
+    }
+
+    /// Copies what a section sees of the source, with zeros outside, image after image.
+    fn fill_window(&self, section: &Section, source: &[f32], window: &mut Vec<f32>) {
+        let [height, width, channels] = self.source;
+        let [rows, columns] = self.window(section.rows.len());
+        let [top, left] = self.begin;
+        let top = top + (section.rows.start * self.stride).cast_signed();
+        // The columns of the window that lie in the source.
+        let inside = |position: isize| position.clamp(0, width.cast_signed()).cast_unsigned();
+        let (begin, end) = (inside(left), inside(left + columns.cast_signed()));
+        let skipped = (begin.cast_signed() - left).cast_unsigned() * channels;
+        let lines = section.images.len() * rows;
+        window.clear();
+        window.resize(lines * columns * channels + TAIL, 0.0);
+        for (line, to) in window.chunks_exact_mut(columns * channels).take(lines).enumerate() {
+            let (image, row) = (section.images.start + line / rows, top + (line % rows).cast_signed());
+            if (0..height.cast_signed()).contains(&row) && begin < end {
+                let from = (image * height + row.cast_unsigned()) * width;
+                let from = &source[(from + begin) * channels..(from + end) * channels];
+                to[skipped..skipped + from.len()].copy_from_slice(from);
             }
         }
     }
 
-    /// Adds the patches of output rows `rows` back to where [`gather`](Self::gather) would have read them. `input`
-    /// begins at input element `origin`.
-    fn scatter(&self, patches: &[f32], rows: Range<usize>, origin: usize, input: &mut [f32]) {
-        let mut runs = patches.chunks_exact(self.run());
-        for row in rows {
-            for pixel in 0..self.out_width() {
-                for (ky, run) in (0..self.kernel).zip(&mut runs) {
-                    if let Some((at, to)) = self.piece(row, pixel, ky) {
-                        let target = &mut input[to.start - origin..to.end - origin];
-                        for (sum, value) in target.iter_mut().zip(&run[at..]) {
-                            *sum += value;
-                        }
-                    }
-                }
+    /// Of each pixel of a section, where its patch begins in the section's window and its result in the section's output.
+    fn fill_places(&self, section: &Section, places: &mut Vec<[usize; 2]>) {
+        let [rows, columns] = self.window(section.rows.len());
+        let [height, width, channels] = self.output;
+        places.clear();
+        for image in 0..section.images.len() {
+            for y in 0..section.rows.len() {
+                let from = (image * rows + y * self.stride) * columns;
+                let to = (image * height + self.first[0] + y * self.step) * width + self.first[1];
+                let place = |x| {
+                    [(from + x * self.stride) * self.source[2], (to + x * self.step) * channels]
+                };
+                places.extend((0..self.pixels[1]).map(place));
             }
         }
+    }
+
+    /// Where the section's output begins, and its length.
+    fn section_output(&self, section: &Section) -> usize {
+        let [height, width, channels] = self.output;
+        let end = if section.rows.end == self.pixels[0] { height } else { section.rows.end * self.step };
+        section.images.len() * (end - section.rows.start * self.step) * width * channels
+    }
+}
+
+/// The right side of a product, packed in panels that the tiles read from front to end.
+struct Panels<'a> {
+    columns: usize,
+    /// Packs columns `columns` into a `[patch, width]` panel of zeros.
+    pack: &'a (dyn Fn(Range<usize>, usize, &mut [f32]) + Sync),
+    patch: usize,
+    bias: &'a [f32],
+    slope: f32,
+}
+
+/// A panel and the bias of its columns.
+struct Panel {
+    columns: Range<usize>,
+    values: Vec<f32>,
+    bias: Vec<f32>,
+}
+
+impl Panels<'_> {
+    fn ranges(&self) -> Vec<Range<usize>> {
+        let width = panel_columns();
+        (0..self.columns).step_by(width).map(|first| first..(first + width).min(self.columns)).collect()
+    }
+
+    fn packed(&self, columns: Range<usize>) -> Panel {
+        let width = if columns.len() <= lanes() { lanes() } else { panel_columns() };
+        let (mut values, mut bias) = (vec![0.0; self.patch * width], vec![0.0; width]);
+        (self.pack)(columns.clone(), width, &mut values);
+        if !self.bias.is_empty() {
+            bias[..columns.len()].copy_from_slice(&self.bias[columns.clone()]);
+        }
+        Panel { columns, values, bias }
+    }
+}
+
+/// A window on a section's source, and the places of its pixels: memory that a thread uses again.
+#[derive(Default)]
+struct Scratch {
+    window: Vec<f32>,
+    places: Vec<[usize; 2]>,
+}
+
+impl Correlation {
+    /// Computes the positions of `output` that are this correlation's.
+    fn run_over(&self, batch: usize, source: &[f32], panels: &Panels, output: &mut [f32]) {
+        if self.patch() == 0 {
+            return;
+        }
+        let ranges = panels.ranges();
+        let whole = Section { images: 0..batch, rows: 0..self.pixels[0] };
+        if batch * self.window_len(self.pixels[0]) < self.patch() * panels.columns && ranges.len() > 1 {
+            // Few pixels, many weights: each task takes a panel, packs it, and is done with it.
+            let mut scratch = Scratch::default();
+            self.fill(&whole, source, &mut scratch);
+            let results: Vec<_> = ranges
+                .into_par_iter()
+                .map(|columns| {
+                    let panel = panels.packed(columns);
+                    let width = panel.columns.len();
+                    let mut result = vec![0.0; scratch.places.len() * width];
+                    let places: Vec<_> =
+                        scratch.places.iter().enumerate().map(|(i, place)| [place[0], i * width]).collect();
+                    self.product(&scratch.window, &places, &panel, panels.slope, (&mut result, 0));
+                    (panel.columns, result)
+                })
+                .collect();
+            for (columns, result) in results {
+                for (place, result) in scratch.places.iter().zip(result.chunks_exact(columns.len())) {
+                    output[place[1] + columns.start..][..result.len()].copy_from_slice(result);
+                }
+            }
+            return;
+        }
+        let packed: Vec<_> = ranges.into_par_iter().map(|columns| panels.packed(columns)).collect();
+        let mut rest = output;
+        let mut tasks = Vec::new();
+        for section in self.sections(batch) {
+            let (part, others) = rest.split_at_mut(self.section_output(&section));
+            tasks.push((section, part));
+            rest = others;
+        }
+        tasks.into_par_iter().for_each_init(Scratch::default, |scratch, (section, output)| {
+            self.fill(&section, source, scratch);
+            for panel in &packed {
+                let output = (&mut *output, panel.columns.start);
+                self.product(&scratch.window, &scratch.places, panel, panels.slope, output);
+            }
+        });
+    }
+
+    fn fill(&self, section: &Section, source: &[f32], scratch: &mut Scratch) {
+        self.fill_window(section, source, &mut scratch.window);
+        self.fill_places(section, &mut scratch.places);
+    }
+
+    fn product(
+        &self,
+        window: &[f32],
+        places: &[[usize; 2]],
+        panel: &Panel,
+        slope: f32,
+        (output, column): (&mut [f32], usize),
+    ) {
+        let correlate = Correlate {
+            source: window,
+            places,
+            run: self.run(),
+            row_step: self.window(1)[1] * self.source[2],
+            panel: &panel.values,
+            patch: self.patch(),
+            bias: &panel.bias,
+            slope,
+            output: &mut output[column..],
+            columns: panel.columns.len(),
+        };
+        correlate.run();
     }
 }
 
 /// `leaky(conv(input, weight) + bias)`.
 pub(super) fn forward(g: &Geometry, input: &[f32], weight: &[f32], bias: &[f32], slope: f32) -> Vec<f32> {
-    let (patch, out, pixels_a_row) = (g.patch(), g.out_channels, g.out_width());
-    let weight = transposed(weight, out, patch);
-    let tile_rows = g.tile_rows(patch);
-    let depth = patch.div_ceil(patch.div_ceil(DEPTH));
-    let mut output = vec![0.0; g.rows() * pixels_a_row * out];
-    output.par_chunks_mut(tile_rows * pixels_a_row * out).enumerate().for_each_init(
-        Vec::new,
-        |patches, (i, tile)| {
-            let pixels = tile.len() / out;
-            let rows = i * tile_rows..i * tile_rows + pixels / pixels_a_row;
-            patches.resize(pixels * patch, 0.0);
-            g.gather(input, rows, 0..g.kernel, patches);
-            tile.chunks_exact_mut(out).for_each(|pixel| pixel.copy_from_slice(bias));
-            for begin in (0..patch).step_by(depth) {
-                let length = depth.min(patch - begin);
-                let lhs = Lhs { data: &patches[begin..], strides: [patch, 1], rows: pixels, depth: length };
-                add_product(tile, &lhs, &weight[begin * out..(begin + length) * out]);
-            }
-            for value in tile {
-                *value = value.max(slope * *value);
-            }
-        },
-    );
+    let out = g.out_channels;
+    let pack = |columns: Range<usize>, width: usize, panel: &mut [f32]| {
+        for (to, from) in panel.chunks_exact_mut(width).zip(weight.chunks_exact(out)) {
+            to[..columns.len()].copy_from_slice(&from[columns.clone()]);
+        }
+    };
+    let panels = Panels { columns: out, pack: &pack, patch: g.patch(), bias, slope };
+    let mut output = vec![0.0; g.output().iter().product()];
+    g.forward().run_over(g.batch, input, &panels, &mut output);
     output
 }
 
@@ -174,7 +356,7 @@ pub(super) fn forward(g: &Geometry, input: &[f32], weight: &[f32], bias: &[f32],
 pub(super) fn rectifier_gradient(g: &Geometry, output: &[f32], slope: f32, gradient: &mut [f32]) -> Vec<f32> {
     let out = g.out_channels;
     assert_eq!(gradient.len(), output.len());
-    let length = (gradient.len() / out).div_ceil(CHUNKS) * out;
+    let length = (gradient.len() / out).div_ceil(TASKS) * out;
     let partial = |(gradient, output): (&mut [f32], &[f32])| {
         let mut sums = vec![0.0; out];
         for (gradient, output) in gradient.chunks_exact_mut(out).zip(output.chunks_exact(out)) {
@@ -187,136 +369,93 @@ pub(super) fn rectifier_gradient(g: &Geometry, output: &[f32], slope: f32, gradi
     };
     let partials: Vec<_> =
         gradient.par_chunks_mut(length).zip(output.par_chunks(length)).map(partial).collect();
-    in_order(&partials)
+    let mut bias = vec![0.0; out];
+    partials.iter().for_each(|partial| add(&mut bias, partial));
+    bias
 }
 
 /// Gradient of the input, from the `gradient` of the output before the rectifier.
 pub(super) fn input_gradient(g: &Geometry, weight: &[f32], gradient: &[f32]) -> Vec<f32> {
-    let (patch, out, pixels_a_row) = (g.patch(), g.out_channels, g.out_width());
-    let image = g.height * g.width * g.channels;
-    let images = TILE_PIXELS.div_ceil(g.out_height() * pixels_a_row);
-    let tile_rows = g.tile_rows(patch);
-    let mut input = vec![0.0; g.batch * image];
-    input.par_chunks_mut(images * image).enumerate().for_each_init(Vec::new, |patches, (i, input)| {
-        let first = i * images * g.out_height();
-        let end = first + input.len() / image * g.out_height();
-        for row in (first..end).step_by(tile_rows) {
-            let rows = row..(row + tile_rows).min(end);
-            let pixels = rows.len() * pixels_a_row;
-            patches.clear();
-            patches.resize(pixels * patch, 0.0);
-            let data = &gradient[row * pixels_a_row * out..];
-            add_product(patches, &Lhs { data, strides: [out, 1], rows: pixels, depth: out }, weight);
-            g.scatter(patches, rows, i * images * image, input);
+    let (channels, out) = (g.channels, g.out_channels);
+    let mut input = vec![0.0; g.batch * g.height * g.width * channels];
+    for y in 0..g.stride.min(g.height) {
+        for x in 0..g.stride.min(g.width) {
+            let (correlation, taps) = g.backward([y, x]);
+            let pack = |columns: Range<usize>, width: usize, panel: &mut [f32]| {
+                for (to, [ky, kx]) in panel.chunks_exact_mut(out * width).zip(&taps) {
+                    let from = &weight[(ky * g.kernel + kx) * channels * out..][..channels * out];
+                    for (i, from) in from.chunks_exact(out).skip(columns.start).take(columns.len()).enumerate() {
+                        to[i..].iter_mut().step_by(width).zip(from).for_each(|(to, from)| *to = *from);
+                    }
+                }
+            };
+            let patch = correlation.patch();
+            let panels = Panels { columns: channels, pack: &pack, patch, bias: &[], slope: 1.0 };
+            correlation.run_over(g.batch, gradient, &panels, &mut input);
         }
-    });
+    }
     input
 }
 
 /// Gradient of the weight, from the `gradient` of the output before the rectifier.
 pub(super) fn weight_gradient(g: &Geometry, input: &[f32], gradient: &[f32]) -> Vec<f32> {
-    let (run, out, pixels_a_row) = (g.run(), g.out_channels, g.out_width());
-    let chunks = (g.rows() * pixels_a_row / CHUNK_PIXELS).clamp(1, CHUNKS);
-    let chunk_rows = g.rows().div_ceil(chunks);
-    // One task is a chunk of the batch and one row of the kernel: enough tasks for the small maps, too.
-    let partial = |task: usize| {
-        let (chunk, ky) = (task / g.kernel, task % g.kernel);
-        let end = ((chunk + 1) * chunk_rows).min(g.rows());
-        let mut sum = vec![0.0; out * run];
-        let mut patches = Vec::new();
-        for row in (chunk * chunk_rows..end).step_by(g.tile_rows(run)) {
-            let rows = row..(row + g.tile_rows(run)).min(end);
-            let pixels = rows.len() * pixels_a_row;
-            patches.resize(pixels * run, 0.0);
-            g.gather(input, rows, ky..ky + 1, &mut patches);
-            let data = &gradient[row * pixels_a_row * out..];
-            add_product(&mut sum, &Lhs { data, strides: [1, out], rows: out, depth: pixels }, &patches);
-        }
-        sum
+    let (out, correlation) = (g.out_channels, g.forward());
+    let run = correlation.run();
+    let blocks: Vec<_> = (0..g.patch())
+        .step_by(run)
+        .flat_map(|y| (y..y + run).step_by(PATCH_ROWS).map(move |row| row..(row + PATCH_ROWS).min(y + run)))
+        .collect();
+    let sections = correlation.sections(g.batch);
+    let row_step = correlation.window(1)[1] * g.channels;
+    let accumulate = |scratch: &Scratch, section: &Section, block: &Range<usize>, sums: &mut [f32]| {
+        let first = (section.images.start * g.out_height() + section.rows.start) * g.out_width();
+        let accumulate = Accumulate {
+            source: &scratch.window[block.start / run * row_step + block.start % run..],
+            places: &scratch.places,
+            gradient: &gradient[first * out..],
+            sums,
+            columns: out,
+        };
+        accumulate.run();
     };
-    let partials: Vec<_> =
-        (0..g.rows().div_ceil(chunk_rows) * g.kernel).into_par_iter().map(partial).collect();
-    let mut weight = vec![0.0; out * g.patch()];
-    weight.par_chunks_mut(run).enumerate().for_each(|(i, sum)| {
-        let (channel, ky) = (i / g.kernel, i % g.kernel);
-        for partial in partials.iter().skip(ky).step_by(g.kernel) {
-            for (sum, value) in sum.iter_mut().zip(&partial[channel * run..]) {
-                *sum += value;
-            }
+    let mut weight = vec![0.0; g.patch() * out];
+    if weight.len() <= FEW_WEIGHTS && sections.len() >= TASKS {
+        // Many pixels, few weights: each task takes some of the pixels.
+        let partials: Vec<_> = sections
+            .par_chunks(sections.len().div_ceil(TASKS))
+            .map_init(Scratch::default, |scratch, sections| {
+                let mut sums = vec![0.0; g.patch() * out];
+                for section in sections {
+                    correlation.fill(section, input, scratch);
+                    for block in &blocks {
+                        accumulate(scratch, section, block, &mut sums[block.start * out..block.end * out]);
+                    }
+                }
+                sums
+            })
+            .collect();
+        weight.par_chunks_mut(out * PATCH_ROWS).enumerate().for_each(|(i, part)| {
+            partials.iter().for_each(|partial| add(part, &partial[i * out * PATCH_ROWS..]));
+        });
+        return weight;
+    }
+    // Few pixels, many weights: each task takes some of the weights.
+    let mut tasks = Vec::new();
+    let mut rest = weight.as_mut_slice();
+    for block in &blocks {
+        let (part, others) = rest.split_at_mut(block.len() * out);
+        tasks.push((block, part));
+        rest = others;
+    }
+    tasks.into_par_iter().for_each_init(Scratch::default, |scratch, (block, part)| {
+        for section in &sections {
+            correlation.fill(section, input, scratch);
+            accumulate(scratch, section, block, part);
         }
     });
     weight
 }
 
-fn in_order(partials: &[Vec<f32>]) -> Vec<f32> {
-    let mut total = vec![0.0; partials.first().map_or(0, Vec::len)];
-    for partial in partials {
-        for (sum, value) in total.iter_mut().zip(partial) {
-            *sum += value;
-        }
-    }
-    total
-}
-
-/// The transpose of a row-major `[rows, columns]` matrix, in blocks that fit the cache.
-fn transposed(matrix: &[f32], rows: usize, columns: usize) -> Vec<f32> {
-    const BLOCK: usize = 16;
-    let mut result = vec![0.0; rows * columns];
-    result.par_chunks_mut(BLOCK * rows).enumerate().for_each(|(block, lines)| {
-        for begin in (0..rows).step_by(BLOCK) {
-            for (i, line) in lines.chunks_exact_mut(rows).enumerate() {
-                for (row, value) in (begin..rows).zip(&mut line[begin..(begin + BLOCK).min(rows)]) {
-                    *value = matrix[row * columns + block * BLOCK + i];
-                }
-            }
-        }
-    });
-    result
-}
-
-/// The left factor of a product, a strided `[rows, depth]` matrix.
-struct Lhs<'a> {
-    data: &'a [f32],
-    /// Distance in memory of neighbors in a column and in a row.
-    strides: [usize; 2],
-    rows: usize,
-    depth: usize,
-}
-
-/// `sum += lhs * rhs` on this thread; `sum` and `rhs` are row-major.
-fn add_product(sum: &mut [f32], lhs: &Lhs, rhs: &[f32]) {
-    let (rows, depth) = (lhs.rows, lhs.depth);
-    assert!(rows > 0 && depth > 0);
-    let columns = sum.len() / rows;
-    assert_eq!(sum.len(), rows * columns);
-    assert_eq!(rhs.len(), depth * columns);
-    assert!((rows - 1) * lhs.strides[0] + (depth - 1) * lhs.strides[1] < lhs.data.len());
-    let [row_stride, column_stride] = lhs.strides.map(usize::cast_signed);
-    let line = columns.cast_signed();
-    // SAFETY: the assertions above bound every index that `gemm` forms: `sum` is exactly rows x columns and `rhs`
-    // depth x columns, both dense, and the last element of `lhs` lies inside its slice. `sum` is borrowed mutably, so
-    // it overlaps neither factor.
-    unsafe {
-        gemm::gemm(
-            rows,
-            columns,
-            depth,
-            sum.as_mut_ptr(),
-            1,
-            line,
-            true,
-            lhs.data.as_ptr(),
-            column_stride,
-            row_stride,
-            rhs.as_ptr(),
-            1,
-            line,
-            1.0,
-            1.0,
-            false,
-            false,
-            false,
-            Parallelism::None,
-        );
-    }
+fn add(sums: &mut [f32], values: &[f32]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }

@@ -7,6 +7,7 @@ mod approach;
 mod avoid;
 mod conv;
 mod conv_cpu;
+mod conv_simd;
 mod head;
 mod init;
 mod trunk;

@@ -1,0 +1,221 @@
+//! The two matrix products of the convolution on the CPU, each over a tile of the result that stays in registers.
+//!
+//! One broadcast of a left element meets two vectors of the right side; twelve rows of them keep the arithmetic units of a
+//! core busy without a second look at memory. [`pulp`] picks the widest vectors of the machine at run time.
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// Vectors side by side in a tile.
+const VECTORS: usize = 2;
+/// Pixels after which the weight gradient goes on with another tile: what they touch stays in the L1 cache.
+const PIXELS: usize = 128;
+
+/// Elements that have to follow a source, whatever they are: the last tile of a run reads beyond its end.
+pub(super) const TAIL: usize = 12;
+
+/// Columns of a panel, the unit in which the columns of a right side are packed.
+pub(super) fn panel_columns() -> usize {
+    VECTORS * lanes()
+}
+
+/// Elements of a vector on this machine.
+pub(super) fn lanes() -> usize {
+    struct Lanes;
+    impl WithSimd for Lanes {
+        type Output = usize;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> usize {
+            S::F32_LANES
+        }
+    }
+    Arch::new().dispatch(Lanes)
+}
+
+/// `leaky(bias + patches * panel)` for some pixels.
+pub(super) struct Correlate<'a> {
+    pub(super) source: &'a [f32],
+    /// Where the patch of each pixel begins in the source, and its result in the output.
+    pub(super) places: &'a [[usize; 2]],
+    /// Elements of a row of a patch, contiguous in the source, and from one such row to the next.
+    pub(super) run: usize,
+    pub(super) row_step: usize,
+    /// `[patch, columns]`, one or two vectors wide; columns beyond the output are zero.
+    pub(super) panel: &'a [f32],
+    pub(super) patch: usize,
+    /// As wide as the panel.
+    pub(super) bias: &'a [f32],
+    /// Of the rectifier; 1 for none.
+    pub(super) slope: f32,
+    pub(super) output: &'a mut [f32],
+    /// Columns of the panel that are in the output.
+    pub(super) columns: usize,
+}
+
+impl Correlate<'_> {
+    pub(super) fn run(self) {
+        Arch::new().dispatch(self);
+    }
+
+    #[inline(always)]
+    fn tiles<S: Simd, const ROWS: usize, const N: usize>(self, simd: S) {
+        let (panel, _) = S::as_simd_f32s(self.panel).0.as_chunks::<N>();
+        let (bias, slope) = (load::<S, N>(simd, self.bias), simd.splat_f32s(self.slope));
+        for places in self.places.chunks(ROWS) {
+            let mut sums = [bias; ROWS];
+            for (y, panel) in panel.chunks_exact(self.run).enumerate() {
+                let mut rows: [&[f32]; ROWS] = [&[]; ROWS];
+                for (i, row) in rows.iter_mut().enumerate() {
+                    // A tile that is not full computes its last pixel several times.
+                    let [begin, _] = places[i.min(places.len() - 1)];
+                    *row = &self.source[begin + y * self.row_step..][..self.run];
+                }
+                sums = add_products(simd, rows, panel, sums);
+            }
+            for (&[_, at], mut sums) in places.iter().zip(sums) {
+                for sum in &mut sums {
+                    *sum = simd.max_f32s(*sum, simd.mul_f32s(*sum, slope));
+                }
+                store(simd, &mut self.output[at..at + self.columns], sums);
+            }
+        }
+    }
+}
+
+/// `sums[i] + sum over t of rows[i][t] * panel[t]`
+#[inline(always)]
+fn add_products<S: Simd, const ROWS: usize, const N: usize>(
+    simd: S,
+    mut rows: [&[f32]; ROWS],
+    panel: &[[S::f32s; N]],
+    mut sums: [[S::f32s; N]; ROWS],
+) -> [[S::f32s; N]; ROWS] {
+    for row in &mut rows {
+        // Said again here, so that the compiler sees that no index is out of bounds.
+        *row = &row[..panel.len()];
+    }
+    for (t, panel) in panel.iter().enumerate() {
+        for i in 0..ROWS {
+            let element = simd.splat_f32s(rows[i][t]);
+            for v in 0..N {
+                sums[i][v] = simd.mul_add_e_f32s(element, panel[v], sums[i][v]);
+            }
+        }
+    }
+    sums
+}
+
+impl WithSimd for Correlate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let vectors = self.panel.len() / self.patch / S::F32_LANES;
+        match (vectors, S::REGISTER_COUNT >= 32) {
+            (1, true) => self.tiles::<S, 12, 1>(simd),
+            (1, false) => self.tiles::<S, 8, 1>(simd),
+            (_, true) => self.tiles::<S, 12, VECTORS>(simd),
+            (_, false) => self.tiles::<S, 5, VECTORS>(simd),
+        }
+    }
+}
+
+/// `sums += patches^T * gradient` for a run of each pixel's patch.
+pub(super) struct Accumulate<'a> {
+    /// Followed by a [`TAIL`].
+    pub(super) source: &'a [f32],
+    /// Where the run of each pixel begins in the source, and its columns in the gradient.
+    pub(super) places: &'a [[usize; 2]],
+    pub(super) gradient: &'a [f32],
+    /// `[run, columns]`.
+    pub(super) sums: &'a mut [f32],
+    pub(super) columns: usize,
+}
+
+impl Accumulate<'_> {
+    pub(super) fn run(self) {
+        Arch::new().dispatch(self);
+    }
+
+    /// The columns from `column` on, as wide as the tile.
+    #[inline(always)]
+    fn tiles<S: Simd, const ROWS: usize, const N: usize>(&mut self, simd: S, column: usize) {
+        let width = (N * S::F32_LANES).min(self.columns - column);
+        let run = self.sums.len() / self.columns;
+        for places in self.places.chunks(PIXELS) {
+            for first in (0..run).step_by(ROWS) {
+                let rows = ROWS.min(run - first);
+                let mut sums = [[simd.splat_f32s(0.0); N]; ROWS];
+                for &[begin, at] in places {
+                    let gradient = load(simd, &self.gradient[at + column..][..width]);
+                    let run = self.source[begin + first..].first_chunk();
+                    add_outer(simd, run.expect("a source has a tail"), gradient, &mut sums);
+                }
+                let lines = self.sums[first * self.columns..].chunks_mut(self.columns);
+                for (line, mut sums) in lines.zip(sums).take(rows) {
+                    let line = &mut line[column..column + width];
+                    let before = load::<S, N>(simd, line);
+                    for v in 0..N {
+                        sums[v] = simd.add_f32s(before[v], sums[v]);
+                    }
+                    store(simd, line, sums);
+                }
+            }
+        }
+    }
+}
+
+/// Vectors of up to so many values, with zeros behind them.
+#[inline(always)]
+fn load<S: Simd, const N: usize>(simd: S, values: &[f32]) -> [S::f32s; N] {
+    if let Some(vectors) = S::as_simd_f32s(values).0.first_chunk() {
+        return *vectors;
+    }
+    let mut vectors = [simd.splat_f32s(0.0); N];
+    for (vector, values) in vectors.iter_mut().zip(values.chunks(S::F32_LANES)) {
+        *vector = simd.partial_load_f32s(values);
+    }
+    vectors
+}
+
+/// The first elements of some vectors, as many as there is room for.
+#[inline(always)]
+fn store<S: Simd, const N: usize>(simd: S, values: &mut [f32], vectors: [S::f32s; N]) {
+    if let Some(values) = S::as_mut_simd_f32s(values).0.first_chunk_mut() {
+        *values = vectors;
+        return;
+    }
+    for (values, vector) in values.chunks_mut(S::F32_LANES).zip(vectors) {
+        simd.partial_store_f32s(values, vector);
+    }
+}
+
+#[inline(always)]
+fn add_outer<S: Simd, const ROWS: usize, const N: usize>(
+    simd: S,
+    left: &[f32; ROWS],
+    right: [S::f32s; N],
+    sums: &mut [[S::f32s; N]; ROWS],
+) {
+    for i in 0..ROWS {
+        let element = simd.splat_f32s(left[i]);
+        for v in 0..N {
+            sums[i][v] = simd.mul_add_e_f32s(element, right[v], sums[i][v]);
+        }
+    }
+}
+
+impl WithSimd for Accumulate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        for column in (0..self.columns).step_by(VECTORS * S::F32_LANES) {
+            match (self.columns - column <= S::F32_LANES, S::REGISTER_COUNT >= 32) {
+                (true, true) => self.tiles::<S, 12, 1>(simd, column),
+                (true, false) => self.tiles::<S, 8, 1>(simd, column),
+                (false, true) => self.tiles::<S, 12, VECTORS>(simd, column),
+                (false, false) => self.tiles::<S, 5, VECTORS>(simd, column),
+            }
+        }
+    }
+}
