@@ -26,6 +26,7 @@ pub mod normalization;
 mod publish;
 pub mod schedule;
 pub mod split;
+pub mod step;
 mod targets;
 
 pub use checkpoint::{Checkpoint, ModelInfo};
