@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
+use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,6 @@ use crate::checkpoint::{self, Checkpoint, Contents, ModelInfo};
 use crate::config::{Task, TrainConfig};
 use crate::error::{Error, Result};
 use crate::examples::Examples;
-use crate::gradient;
 use crate::history;
 use crate::loss::mean_squared_error;
 use crate::metric::Metrics;
@@ -31,6 +30,7 @@ use crate::network::Network;
 use crate::publish::{self, at};
 use crate::schedule::OneCycle;
 use crate::split::Split;
+use crate::step::{self, Step, step};
 use crate::targets::Targets;
 
 /// A training run.
@@ -170,9 +170,7 @@ impl Training<'_> {
     }
 
     fn optimizer(&self) -> ModuleOptimizer {
-        // The other constants are those of Kingma and Ba (2015).
-        let weight_decay = self.run.config.optimizer.weight_decay as f32;
-        AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(weight_decay).init()
+        step::optimizer(self.run.config.optimizer.weight_decay)
     }
 
     fn started(&self) -> Result<State> {
@@ -237,17 +235,12 @@ impl Training<'_> {
         let device = self.device();
         let outputs = network.forward(Images::of(self.examples, indices, &device));
         let loss = mean_squared_error(outputs, self.targets.tensor(indices, &device));
-        let mut gradients = GradientsParams::from_grads(loss.backward(), &network);
-        let loss = f64::from(loss.into_scalar::<f32>());
-        let norm = gradient::norm(&network, &gradients);
+        let clip = self.run.config.optimizer.gradient_clip;
+        let Step { network, loss, gradient_norm: norm } =
+            step(network, &mut optimizer, loss, self.rate(&place), clip);
         if !(loss.is_finite() && norm.is_finite()) {
             return Err(self.not_finite(&place, loss, norm));
         }
-        let clip = self.run.config.optimizer.gradient_clip;
-        if norm > clip {
-            gradient::scale(&network, &mut gradients, clip / norm);
-        }
-        let network = optimizer.step(self.rate(&place), network, gradients);
         place.batch += 1;
         place.loss_sum += loss;
         place.gradient_norm = place.gradient_norm.max(norm);

@@ -27,6 +27,7 @@ pub mod normalization;
 mod publish;
 pub mod schedule;
 pub mod split;
+pub mod step;
 mod targets;
 
 pub use checkpoint::{Checkpoint, ModelInfo};
