@@ -27,8 +27,8 @@ from networks import ENCODER, ApproachNet
 # As in configs/train/; pytorch.rs has the same.
 LEARNING_RATE, WEIGHT_DECAY, GRADIENT_CLIP = 1e-3, 0.01, 1.0
 
-# From the axes of our convolution weights, [out, k, k, in], to PyTorch's, [out, in, k, k].
-CONV_AXES = (0, 3, 1, 2)
+# From the axes of our convolution weights, [k, k, in, out], to PyTorch's, [out, in, k, k].
+CONV_AXES = (3, 2, 0, 1)
 
 CASE_FORM = "train|infer/TRUNK/SYMMETRY/WIDTH/INPUT/BATCH, as train/flownet_s/antisymmetric/0.25/128x96/32"
 NETWORKS = ["flownet_s/none", "flownet_s/antisymmetric", "definet/none"]

@@ -18,18 +18,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
-use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 use burn_store::{ModuleSnapshot, SafetensorsStore};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use train::adamw::AdamW;
 use train::batch::Images;
 use train::loss::mean_squared_error;
 use train::net::ApproachConfig;
 use train::network::Network;
-use train::step::{optimizer, step};
 
 /// What is said to a command.
 type Answer = Result<Value, Box<dyn Error>>;
@@ -57,6 +57,7 @@ struct Setup {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
+    train::memory::keep_freed();
     if stdin().is_terminal() {
         println!("half of a benchmark; train/benches/pytorch.sh runs it");
         return Ok(());
@@ -90,7 +91,7 @@ fn obey(subject: &mut Option<Subject>, line: &str) -> Answer {
 struct Subject {
     device: Device,
     network: Network,
-    optimizer: ModuleOptimizer,
+    optimizer: AdamW,
     images: Images,
     targets: Tensor<2>,
 }
@@ -102,9 +103,10 @@ impl Subject {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let [width, height] = setup.network.input;
         let [current, goal] = [(); 2].map(|()| noise(&mut random, [setup.batch, 3, height, width], &device));
+        let network = Network::Approach(setup.network.init(1, &device));
         Ok(Self {
-            network: Network::Approach(setup.network.init(1, &device)),
-            optimizer: optimizer(WEIGHT_DECAY),
+            optimizer: AdamW::new(&network, WEIGHT_DECAY),
+            network,
             images: Images { current, goal: Some(goal) },
             targets: noise(&mut random, [setup.batch, 6], &device),
             device,
@@ -117,7 +119,7 @@ impl Subject {
         for _ in 0..steps {
             let outputs = network.forward(images.clone());
             let error = mean_squared_error(outputs, targets.clone());
-            let taken = step(network, &mut optimizer, error, LEARNING_RATE, GRADIENT_CLIP);
+            let taken = optimizer.step(network, error, LEARNING_RATE, GRADIENT_CLIP);
             (network, loss) = (taken.network, taken.loss);
         }
         device.sync()?;

@@ -5,13 +5,12 @@
 //! weights.safetensors   the weights, under readable names
 //! config.toml           the training configuration
 //! training.json         only in `last`: where training stands
-//! optimizer.bpk         only in `last`: the optimizer's moments
+//! optimizer.safetensors only in `last`: the optimizer's moments
 //! ```
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use burn_store::{ModuleSnapshot, SafetensorsStore};
 use datagen::publish::digest_of_file;
@@ -19,6 +18,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use world::config::CameraConfig;
 
+use crate::adamw::AdamW;
 use crate::config::{Task, TrainConfig};
 use crate::error::{Error, Result};
 use crate::examples::{Examples, Source};
@@ -33,7 +33,7 @@ const MODEL: &str = "model.json";
 const WEIGHTS: &str = "weights.safetensors";
 const CONFIG: &str = "config.toml";
 const TRAINING: &str = "training.json";
-const OPTIMIZER: &str = "optimizer.bpk";
+const OPTIMIZER: &str = "optimizer.safetensors";
 
 /// What `model.json` says: what the weights are, and how to use them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -115,7 +115,7 @@ pub(crate) struct Contents<'a> {
     pub(crate) config: &'a TrainConfig,
     pub(crate) network: &'a Network,
     /// Only for resuming.
-    pub(crate) training: Option<(&'a ModuleOptimizer, &'a Place)>,
+    pub(crate) training: Option<(&'a AdamW, &'a Place)>,
 }
 
 /// What `training.json` says.
@@ -123,6 +123,8 @@ pub(crate) struct Contents<'a> {
 #[serde(deny_unknown_fields)]
 struct TrainingState {
     place: Place,
+    /// Steps that the optimizer took.
+    optimizer_steps: usize,
     optimizer_sha256: String,
 }
 
@@ -140,22 +142,27 @@ impl Contents<'_> {
         write_config(&inside.join(CONFIG), self.config)?;
         let Some((optimizer, place)) = self.training else { return Ok(()) };
         let moments = inside.join(OPTIMIZER);
-        optimizer.save(&moments).map_err(|error| cannot_write(&moments, &error))?;
-        let optimizer_sha256 = digest_of_file(&moments)?;
-        write_json(&inside.join(TRAINING), &TrainingState { place: place.clone(), optimizer_sha256 })
+        optimizer.moments.save_into(&mut store(&moments)).map_err(|error| cannot_write(&moments, &error))?;
+        let state = TrainingState {
+            place: place.clone(),
+            optimizer_steps: optimizer.steps,
+            optimizer_sha256: digest_of_file(&moments)?,
+        };
+        write_json(&inside.join(TRAINING), &state)
     }
 }
 
 /// Reads what only training needs: the optimizer with its moments, and where training stands.
 pub(crate) fn load_training(
     directory: &Path,
-    optimizer: ModuleOptimizer,
-) -> Result<(ModuleOptimizer, Place)> {
+    mut optimizer: AdamW,
+) -> Result<(AdamW, Place)> {
     let state: TrainingState = read_json(&directory.join(TRAINING))?;
     let path = directory.join(OPTIMIZER);
     verify(&path, &state.optimizer_sha256)?;
-    let loaded = optimizer.load(&path);
-    let optimizer = loaded.map_err(|error| Error::Checkpoint { path, problem: error.to_string() })?;
+    let loaded = optimizer.moments.load_from(&mut store(&path));
+    loaded.map_err(|error| Error::Checkpoint { path, problem: error.to_string() })?;
+    optimizer.steps = state.optimizer_steps;
     Ok((optimizer, state.place))
 }
 

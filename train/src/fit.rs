@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use burn::module::Module;
-use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
+use crate::adamw::{AdamW, Step};
 use crate::batch::Images;
 use crate::checkpoint::{self, Checkpoint, Contents, ModelInfo};
 use crate::config::{Task, TrainConfig};
@@ -30,7 +30,6 @@ use crate::network::Network;
 use crate::publish::{self, at};
 use crate::schedule::OneCycle;
 use crate::split::Split;
-use crate::step::{self, Step, step};
 use crate::targets::Targets;
 
 /// A training run.
@@ -116,7 +115,7 @@ pub struct Place {
 /// What a step changes.
 struct State {
     network: Network,
-    optimizer: ModuleOptimizer,
+    optimizer: AdamW,
     place: Place,
 }
 
@@ -169,10 +168,6 @@ impl Training<'_> {
         self.run.device.clone().autodiff()
     }
 
-    fn optimizer(&self) -> ModuleOptimizer {
-        step::optimizer(self.run.config.optimizer.weight_decay)
-    }
-
     fn started(&self) -> Result<State> {
         let Run { config, directory, .. } = *self.run;
         publish::recover(&self.last())?;
@@ -183,7 +178,8 @@ impl Training<'_> {
         checkpoint::write_config(&directory.join("config.toml"), config)?;
         history::keep(directory, 0)?;
         let network = Network::new(&self.task, config.seed, &self.device());
-        Ok(State { network, optimizer: self.optimizer(), place: Place::default() })
+        let optimizer = AdamW::new(&network, config.optimizer.weight_decay);
+        Ok(State { network, optimizer, place: Place::default() })
     }
 
     fn resumed(&self) -> Result<State> {
@@ -201,7 +197,8 @@ impl Training<'_> {
         if let Some([key, was, is]) = other {
             return Err(Error::OtherRun { directory: directory.to_owned(), key, was, is });
         }
-        let (optimizer, place) = checkpoint::load_training(&self.last(), self.optimizer())?;
+        let optimizer = AdamW::new(&checkpoint.network, config.optimizer.weight_decay);
+        let (optimizer, place) = checkpoint::load_training(&self.last(), optimizer)?;
         history::keep(directory, place.epoch)?;
         Ok(State { network: checkpoint.network, optimizer, place })
     }
@@ -237,7 +234,7 @@ impl Training<'_> {
         let loss = mean_squared_error(outputs, self.targets.tensor(indices, &device));
         let clip = self.run.config.optimizer.gradient_clip;
         let Step { network, loss, gradient_norm: norm } =
-            step(network, &mut optimizer, loss, self.rate(&place), clip);
+            optimizer.step(network, loss, self.rate(&place), clip);
         if !(loss.is_finite() && norm.is_finite()) {
             return Err(self.not_finite(&place, loss, norm));
         }
@@ -345,9 +342,10 @@ mod tests {
         })
     }
 
-    /// Digests of what a run leaves. (The optimizer's file has its parts in an order that differs.)
-    fn left(directory: &Path) -> [String; 4] {
-        ["last/weights.safetensors", "last/model.json", "best/model.json", "metrics.jsonl"]
+    /// Digests of what a run leaves.
+    fn left(directory: &Path) -> [String; 5] {
+        let optimizer = "last/optimizer.safetensors";
+        ["last/weights.safetensors", optimizer, "last/model.json", "best/model.json", "metrics.jsonl"]
             .map(|name| datagen::publish::digest(&fs::read(directory.join(name)).unwrap()))
     }
 
@@ -430,10 +428,10 @@ mod tests {
         let other = run(&config, directory.path(), true, None).unwrap_err();
         assert!(matches!(&other, Error::OtherRun { key, .. } if key == "optimizer.learning_rate"), "{other}");
         config.optimizer.learning_rate = tiny(Kind::Avoidance).optimizer.learning_rate;
-        fs::write(directory.path().join("last/optimizer.bpk"), "damaged").unwrap();
+        fs::write(directory.path().join("last/optimizer.safetensors"), "damaged").unwrap();
         let damaged = run(&config, directory.path(), true, None).unwrap_err();
         assert!(
-            matches!(&damaged, Error::Digest { path, .. } if path.ends_with("optimizer.bpk")),
+            matches!(&damaged, Error::Digest { path, .. } if path.ends_with("optimizer.safetensors")),
             "{damaged}"
         );
     }

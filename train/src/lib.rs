@@ -7,6 +7,7 @@
 //! run was interrupted.
 #![deny(unsafe_code)]
 
+pub mod adamw;
 pub mod batch;
 mod camera;
 pub mod checkpoint;
@@ -14,7 +15,6 @@ pub mod config;
 pub mod error;
 pub mod examples;
 pub mod fit;
-mod gradient;
 pub mod history;
 mod input;
 pub mod loss;
@@ -27,7 +27,6 @@ pub mod normalization;
 mod publish;
 pub mod schedule;
 pub mod split;
-pub mod step;
 mod targets;
 
 pub use checkpoint::{Checkpoint, ModelInfo};

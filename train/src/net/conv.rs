@@ -30,11 +30,16 @@ pub(super) const SLOPE: f64 = 0.1;
 /// - `bias`: `[out]`
 /// - result: `[batch, ceil(height / stride), ceil(width / stride), out]`
 pub fn leaky_conv2d(input: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, stride: usize) -> Tensor<4> {
-    if input.device() == Device::flex() {
+    if on_cpu(&input.device()) {
         let (input, weight, bias) = (input.into_dispatch(), weight.into_dispatch(), bias.into_dispatch());
         return Tensor::from_dispatch(<Dispatch as LeakyConv>::leaky_conv(input, weight, bias, stride));
     }
     composed(input, weight, bias, stride)
+}
+
+/// Is this the device with operations of our own?
+pub(crate) fn on_cpu(device: &Device) -> bool {
+    *device == Device::flex()
 }
 
 /// [`leaky_conv2d`] out of Burn's own operations.

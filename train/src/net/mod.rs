@@ -14,6 +14,7 @@ mod trunk;
 
 pub use self::approach::{ApproachConfig, ApproachNet, Symmetry};
 pub use self::avoid::{AvoidConfig, AvoidNet, DIRECTIONS};
+pub(crate) use self::conv::on_cpu;
 pub use self::conv::{ConvBlock, leaky_conv2d};
 pub use self::head::Head;
 pub use self::trunk::{Trunk, TrunkKind};
