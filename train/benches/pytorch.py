@@ -298,6 +298,8 @@ def arguments():
 
 def main():
     options = arguments()
+    if options.partner == "cuda" and not (options.check or torch.cuda.is_available()):
+        sys.exit(f"--device {options.device} is compared with PyTorch on CUDA, which finds no card here")
     torch.set_num_threads(options.threads)
     torch.backends.cudnn.benchmark = True
     ours = Ours(build(options.device), options.threads, options.device)
