@@ -14,8 +14,8 @@ fn samples_a_second(config: &ApproachConfig, batch: usize) -> f64 {
     let mut net = config.init(1, &device);
     let mut optimizer = AdamWConfig::new().init();
     let [width, height] = config.input;
-    let random = |shape: [usize; 4]| Tensor::<4>::random(shape, Distribution::Default, &device);
-    let (current, goal) = (random([batch, 3, height, width]), random([batch, 3, height, width]));
+    let images = || Tensor::<4>::random([batch, height, width, 3], Distribution::Uniform(-1.0, 1.0), &device);
+    let (current, goal) = (images(), images());
     let target = Tensor::random([batch, 6], Distribution::Default, &device);
     let mut best = f64::INFINITY;
     for _ in 0..12 {

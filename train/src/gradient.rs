@@ -60,7 +60,7 @@ mod tests {
     fn the_norm_is_over_all_parameters_and_scales_with_them() {
         let device = Device::flex().autodiff();
         let network = Network::new(&tiny(Kind::Avoidance).task().unwrap(), 1, &device);
-        let images = Images { current: Tensor::ones([2, 3, 24, 32], &device) * 0.25, goal: None };
+        let images = Images { current: Tensor::ones([2, 24, 32, 3], &device) * -0.5, goal: None };
         // The gradient of the sum of all outputs with respect to each of the last biases is the batch size, so the
         // norm is at least that of 180 twos; all other gradients are more.
         let backward = network.forward(images).sum().backward();
