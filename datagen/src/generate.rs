@@ -128,7 +128,7 @@ fn summary(info: &DatasetInfo, rows_made: u64) -> Summary {
 mod tests {
     use super::*;
     use crate::reader::DatasetReader;
-    use crate::row::{ApproachRow, Row, SceneRow};
+    use crate::row::{ImagesRow, Row, SceneRow};
     use crate::tiny::{config, make};
     use std::cell::RefCell;
     use std::collections::BTreeMap;
@@ -180,7 +180,7 @@ mod tests {
             make(&config("a", count), dir.path()).unwrap();
             dir
         });
-        let [few, many] = dirs.each_ref().map(|dir| rows::<ApproachRow>(dir.path()));
+        let [few, many] = dirs.each_ref().map(|dir| rows::<ImagesRow>(dir.path()));
         assert_eq!(few, many[..3]);
         let [few, many] = dirs.each_ref().map(|dir| rows::<SceneRow>(dir.path()));
         assert_eq!(few, many[..3]);

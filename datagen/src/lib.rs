@@ -14,6 +14,7 @@
 //! OUT/README.md                           the card, with what Hugging Face needs
 //! OUT/dataset.json                        configuration, digests
 //! OUT/shards/                             digests of finished files, while the dataset is incomplete
+//! OUT/cache/                              no part of the dataset: what training makes of the images
 //! ```
 
 #![forbid(unsafe_code)]
@@ -46,4 +47,4 @@ pub use info::DatasetInfo;
 pub use placement::{Placement, Sampler};
 pub use progress::{Options, Progress};
 pub use reader::DatasetReader;
-pub use row::{ApproachRow, AvoidanceRow, SceneRow};
+pub use row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
 /// Writes a file that appears under its name only when it is complete. On an error nothing is left behind.
-pub fn publish(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
+pub fn publish<E: From<Error>>(path: &Path, write: impl FnOnce(&mut File) -> Result<(), E>) -> Result<(), E> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     // A fixed name: what a killed process left is overwritten by the next.
@@ -19,7 +19,7 @@ pub fn publish(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) -> Resu
     write(&mut file)?;
     file.sync_all().map_err(|source| io(&partial, source))?;
     partial.persist(path).map_err(|error| io(path, error.error))?;
-    sync_folder(folder)
+    Ok(sync_folder(folder)?)
 }
 
 /// Makes a rename durable; only Unix lets a folder be opened for that.

@@ -175,7 +175,7 @@ mod tests {
     use super::*;
     use crate::config::DatasetConfig;
     use crate::example::Collector;
-    use crate::row::{ApproachRow, AvoidanceRow, SceneRow};
+    use crate::row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};
     use crate::shard::ROWS_PER_GROUP;
     use crate::tiny::{config, make};
     use std::fs;
@@ -194,12 +194,13 @@ mod tests {
         let collector = Collector::new(&config).unwrap();
         let (_dir, reader) = dataset(&config);
         let rows: Vec<ApproachRow> = reader.all().unwrap().map(Result::unwrap).collect();
+        let images: Vec<ImagesRow> = reader.all().unwrap().map(Result::unwrap).collect();
         let scenes: Vec<SceneRow> = reader.all().unwrap().map(Result::unwrap).collect();
-        for (index, (row, scene)) in rows.into_iter().zip(scenes).enumerate() {
+        for (index, ((row, images), scene)) in rows.into_iter().zip(images).zip(scenes).enumerate() {
             let example = collector.example(index as u64).unwrap();
             let hands = example.placement.hands.iter().map(|hand| hand.pose.robot_from_hand());
             assert_eq!(row.index, index as u64);
-            assert_eq!(vec![row.image_current, row.image_goal], example.images);
+            assert_eq!(images, ImagesRow { index: index as u64, images: example.images });
             assert_eq!(vec![row.robot_from_current, row.robot_from_goal], hands.collect::<Vec<_>>());
             assert_eq!(scene.scene, example.placement.scene);
         }
@@ -210,9 +211,10 @@ mod tests {
         let config = config("avoid", 4);
         let collector = Collector::new(&config).unwrap();
         let (_dir, reader) = dataset(&config);
-        for row in reader.all::<AvoidanceRow>().unwrap().map(Result::unwrap) {
+        let images = reader.all::<ImagesRow>().unwrap().map(Result::unwrap);
+        for (row, images) in reader.all::<AvoidanceRow>().unwrap().map(Result::unwrap).zip(images) {
             let example = collector.example(row.index).unwrap();
-            assert_eq!(vec![row.image], example.images);
+            assert_eq!(images, ImagesRow { index: row.index, images: example.images });
             assert_eq!(row.values, example.avoidance);
             assert_eq!(row.robot_from_hand, example.placement.hands[0].pose.robot_from_hand());
         }
@@ -224,13 +226,13 @@ mod tests {
         config.rows_per_shard = ROWS_PER_GROUP + 5;
         (config.world.camera.width, config.world.camera.height) = (8, 8);
         let (_dir, reader) = dataset(&config);
-        let all: Vec<ApproachRow> = reader.all().unwrap().map(Result::unwrap).collect();
+        let all: Vec<ImagesRow> = reader.all().unwrap().map(Result::unwrap).collect();
         assert_eq!(
             all.iter().map(|row| row.index).collect::<Vec<_>>(),
             (0..config.count).collect::<Vec<_>>()
         );
         for range in [0..0, 0..1, 127..129, 128..130, 131..135, 130..262, 262..263, 265..266, 0..266] {
-            let rows: Vec<ApproachRow> = reader.rows(range.clone()).unwrap().map(Result::unwrap).collect();
+            let rows: Vec<ImagesRow> = reader.rows(range.clone()).unwrap().map(Result::unwrap).collect();
             assert_eq!(rows, all[range.start as usize..range.end as usize], "{range:?}");
         }
         assert_eq!(reader.shards(), [0..133, 133..266]);
@@ -265,7 +267,7 @@ mod tests {
         fs::copy(other.path().join("data/train-00000-of-00001.parquet"), &path).unwrap();
         let foreign = read();
         assert!(
-            foreign.contains("expected column image_current") && foreign.contains("no such column"),
+            foreign.contains("expected column pose_current") && foreign.contains("no such column"),
             "{foreign}"
         );
 

@@ -20,28 +20,31 @@ pub trait Row: Sized {
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>>;
 }
 
-/// What `CNN_approach` learns from.
+/// What the camera saw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImagesRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// PNG at each pose of the hand: current and goal of an approach, the only one of an avoidance map.
+    pub images: Vec<Vec<u8>>,
+}
+
+/// The motion that `CNN_approach` learns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ApproachRow {
     /// Row of the dataset.
     pub index: u64,
-    /// PNG at the current pose.
-    pub image_current: Vec<u8>,
-    /// PNG at the goal pose.
-    pub image_goal: Vec<u8>,
     /// Current pose of the hand.
     pub robot_from_current: Isometry3<f64>,
     /// Goal pose of the hand.
     pub robot_from_goal: Isometry3<f64>,
 }
 
-/// What `CNN_avoid` learns from.
+/// The map that `CNN_avoid` learns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AvoidanceRow {
     /// Row of the dataset.
     pub index: u64,
-    /// PNG at the hand's pose.
-    pub image: Vec<u8>,
     /// Pose of the hand.
     pub robot_from_hand: Isometry3<f64>,
     /// Avoidance map, Eq. (1): a value in `[0, 1]` a measuring point.
@@ -57,19 +60,35 @@ pub struct SceneRow {
     pub scene: Scene,
 }
 
-impl Row for ApproachRow {
-    const KIND: Option<Kind> = Some(Kind::Approach);
-    const COLUMNS: &'static [&'static str] =
-        &["index", "image_current", "image_goal", "pose_current", "pose_goal"];
+impl Row for ImagesRow {
+    const KIND: Option<Kind> = None;
+    /// A dataset has the first, or the other two.
+    const COLUMNS: &'static [&'static str] = &["index", "image", "image_current", "image_goal"];
 
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
         let index = batch.counts("index")?;
-        let [image_current, image_goal] = [batch.images("image_current")?, batch.images("image_goal")?];
+        let names: &[_] = match batch.columns.column_by_name("image") {
+            Some(_) => &["image"],
+            None => &["image_current", "image_goal"],
+        };
+        let columns = names.iter().map(|name| batch.images(name)).collect::<Result<Vec<_>>>()?;
+        let row = |i: usize| Self {
+            index: index.value(i),
+            images: columns.iter().map(|column| column.value(i).to_vec()).collect(),
+        };
+        Ok((0..batch.rows()).map(row).collect())
+    }
+}
+
+impl Row for ApproachRow {
+    const KIND: Option<Kind> = Some(Kind::Approach);
+    const COLUMNS: &'static [&'static str] = &["index", "pose_current", "pose_goal"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let index = batch.counts("index")?;
         let [pose_current, pose_goal] = [batch.poses("pose_current")?, batch.poses("pose_goal")?];
         let row = |i: usize| Self {
             index: index.value(i),
-            image_current: image_current.value(i).to_vec(),
-            image_goal: image_goal.value(i).to_vec(),
             robot_from_current: pose_current[i].robot_from_hand(),
             robot_from_goal: pose_goal[i].robot_from_hand(),
         };
@@ -79,11 +98,10 @@ impl Row for ApproachRow {
 
 impl Row for AvoidanceRow {
     const KIND: Option<Kind> = Some(Kind::Avoidance);
-    const COLUMNS: &'static [&'static str] = &["index", "image", "pose", "values"];
+    const COLUMNS: &'static [&'static str] = &["index", "pose", "values"];
 
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
         let index = batch.counts("index")?;
-        let image = batch.images("image")?;
         let pose = batch.poses("pose")?;
         let values = batch.lists("values")?;
         let floats =
@@ -91,7 +109,6 @@ impl Row for AvoidanceRow {
         let length = values.value_length() as usize;
         let row = |i: usize| Self {
             index: index.value(i),
-            image: image.value(i).to_vec(),
             robot_from_hand: pose[i].robot_from_hand(),
             values: floats.values()[i * length..(i + 1) * length].to_vec(),
         };

@@ -88,7 +88,7 @@ impl Shard {
                 start = end;
             }
             writer.close().map_err(failed)?;
-            Ok(())
+            Ok::<_, Error>(())
         })?;
         let file = FileRecord::of(dir, self.path(), self.rows.end - self.rows.start)?;
         let record = ShardRecord { config_digest: config_digest.to_owned(), file };

@@ -88,6 +88,15 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     let examples =
         Examples::load(&task, &config.datasets, &|done, total| loading.update_of(done as u64, total as u64))?;
     let reading_seconds = loading.finish();
+    for (dataset, cache) in config.datasets.iter().zip(examples.caches()) {
+        if !cache.starts_with(dataset) {
+            let cache = cache.display();
+            eprintln!(
+                "{name}: nothing can be written in {}; decoded images are in {cache}",
+                dataset.display()
+            );
+        }
+    }
     let total = config.optimizer.epochs * examples.len();
     let progress = Progress::start(name, "examples", total as u64);
     progress.say(&format!("{name}: {} examples, on {}", examples.len(), device.name));

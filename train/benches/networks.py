@@ -146,7 +146,7 @@ class Head(nn.Sequential):
 
 
 class ApproachNet(nn.Module):
-    """`current`, `goal`: `[batch, 3, height, width]`, values in 0..=1; result: `[batch, 6]`."""
+    """`current`, `goal`: `[batch, 3, height, width]`, values from -1 to 1; result: `[batch, 6]`."""
 
     def __init__(self, trunk, symmetry, width, input, head):
         super().__init__()
@@ -156,7 +156,6 @@ class ApproachNet(nn.Module):
         self.antisymmetric = symmetry == "antisymmetric"
 
     def forward(self, current, goal):
-        current, goal = current * 2 - 1, goal * 2 - 1
         encoded = self.trunk.encode(torch.cat([current, goal]))
         current, goal = encoded.chunk(2)
         if not self.antisymmetric:

@@ -209,7 +209,8 @@ def computed_by_theirs(case, weights, sample, steps, dtype):
     """Output, loss, gradients, and the loss of the last of some steps, all in one float type on the CPU."""
     network, theirs = ApproachNet(**case.network), Theirs("cpu")
     network.load_state_dict(weights)
-    theirs.take(network, *(sample[key].to(dtype) for key in ("current", "goal", "target")))
+    current, goal = (sample[key].to(dtype).permute(0, 3, 1, 2) for key in ("current", "goal"))
+    theirs.take(network, current, goal, sample["target"].to(dtype))
     output, loss = theirs.gradients()
     gradients = {name: weight.grad.clone() for name, weight in network.named_parameters()}
     return output, loss, gradients, theirs.train(steps)

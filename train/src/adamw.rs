@@ -214,7 +214,7 @@ mod tests {
 
     fn loss(network: &Network, value: f32) -> Tensor<1> {
         let device = Device::default().autodiff();
-        let images = Images { current: Tensor::ones([2, 3, 24, 32], &device) * value, goal: None };
+        let images = Images { current: Tensor::ones([2, 24, 32, 3], &device) * value, goal: None };
         network.forward(images).square().mean()
     }
 

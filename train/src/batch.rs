@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor};
 use crate::examples::Examples;
 use crate::input;
 
-/// What the networks see of a batch: `[batch, 3, height, width]` each, from 0 to 1.
+/// What the networks see of a batch: `[batch, height, width, 3]` each, from -1 to 1.
 #[derive(Debug, Clone)]
 pub struct Images {
     /// The current images.

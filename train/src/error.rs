@@ -63,6 +63,19 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// Decoded images that cannot be written.
+    #[error(
+        "{}: {source}; the decoded images of the dataset take {} MB there", path.display(),
+        bytes.div_ceil(1_000_000)
+    )]
+    Cache {
+        /// File that was to be.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+        /// Why.
+        source: std::io::Error,
+    },
     /// An image that the network's input cannot be made of.
     #[error(
         "an image of {}x{} pixels cannot become a network input of {}x{}: it must have the same aspect ratio and be \

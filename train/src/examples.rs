@@ -1,22 +1,17 @@
-//! Datasets in memory: images decoded once, at the size of the network's input, with their labels.
+//! What a network learns from: the images of datasets at the size of its input, and their labels.
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use datagen::row::Row;
 use datagen::{ApproachRow, AvoidanceRow, DatasetReader};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use world::config::CameraConfig;
 
+use crate::cache::ImageCache;
 use crate::camera;
 use crate::config::Task;
 use crate::error::{Error, Result};
-use crate::input::{self, decode};
 use crate::net::DIRECTIONS;
-
-/// Rows that are decoded at a time.
-const CHUNK: usize = 256;
 
 /// Where examples come from; recorded in the checkpoint.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,18 +25,18 @@ pub struct Source {
 }
 
 /// All examples of all datasets of a training run.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Examples {
     input: [usize; 2],
     camera: CameraConfig,
-    /// `[example, image, height, width, 3]`.
-    pixels: Vec<u8>,
+    /// Those of each dataset.
+    images: Vec<ImageCache>,
     labels: Labels,
     sources: Vec<Source>,
 }
 
 /// One label an example.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) enum Labels {
     /// Metres and radians.
     PoseChanges(Vec<[f64; 6]>),
@@ -50,77 +45,65 @@ pub(crate) enum Labels {
 }
 
 impl Examples {
-    /// Reads datasets and decodes their images in parallel. `progress` hears how many examples of how many are there.
+    /// Reads the labels of datasets and opens their decoded images. Where a dataset's have not been decoded yet they are
+    /// now, in parallel, and `progress` hears how many examples of how many are there.
     pub fn load(task: &Task, datasets: &[PathBuf], progress: &dyn Fn(usize, usize)) -> Result<Self> {
         let readers: Vec<_> =
             datasets.iter().map(|path| DatasetReader::open(path)).collect::<Result<_, _>>()?;
         let camera = common_camera(&readers)?;
         let rows = readers.iter().map(|reader| reader.info().rows as usize).sum();
-        let mut examples = Self::empty(task, camera, rows);
+        let mut examples = Self::empty(task, camera);
         for reader in &readers {
             let (before, info) = (examples.len(), reader.info());
             if examples.sources.iter().any(|source| source.digest == info.digest) {
                 let value = reader.dir().display().to_string();
                 return Err(Error::Config { key: "datasets", value, expected: "each dataset once" });
             }
-            examples.read(task, reader, &|done| progress(done, rows))?;
+            examples.read_labels(task, reader)?;
+            let decoded = |done| progress(before + done, rows);
+            let images = ImageCache::of(reader, examples.input, examples.images_each(), &decoded)?;
+            examples.images.push(images);
             let rows = examples.len() - before;
             examples.sources.push(Source { name: info.name.clone(), digest: info.digest.clone(), rows });
         }
+        progress(rows, rows);
         Ok(examples)
     }
 
-    /// No examples yet, but memory for `rows`.
-    fn empty(task: &Task, camera: CameraConfig, rows: usize) -> Self {
-        let (images_each, labels) = match task {
-            Task::Approach { .. } => (2, Labels::PoseChanges(Vec::with_capacity(rows))),
-            Task::Avoidance { .. } => (1, Labels::AvoidanceMaps(Vec::with_capacity(rows * DIRECTIONS))),
+    /// No examples yet.
+    fn empty(task: &Task, camera: CameraConfig) -> Self {
+        let labels = match task {
+            Task::Approach { .. } => Labels::PoseChanges(Vec::new()),
+            Task::Avoidance { .. } => Labels::AvoidanceMaps(Vec::new()),
         };
-        let pixels = Vec::with_capacity(rows * images_each * input::bytes(task.input()));
-        Self { input: task.input(), camera, pixels, labels, sources: Vec::new() }
+        Self { input: task.input(), camera, images: Vec::new(), labels, sources: Vec::new() }
     }
 
-    fn read(&mut self, task: &Task, reader: &DatasetReader, progress: &dyn Fn(usize)) -> Result<()> {
-        let input = self.input;
-        match task {
-            Task::Approach { label, .. } => decoded(
-                reader,
-                |row: &ApproachRow| {
-                    let images =
-                        [decode(&row.image_current, input)?, decode(&row.image_goal, input)?].concat();
-                    Ok((images, label.label(&row.robot_from_current, &row.robot_from_goal).to_array()))
-                },
-                |(images, label)| {
-                    self.push_pose_change(&images, label);
-                    progress(self.len());
-                },
-            ),
-            Task::Avoidance { .. } => decoded(
-                reader,
-                |row: &AvoidanceRow| {
-                    if row.values.len() != DIRECTIONS {
-                        return Err(format!("its map has {} directions, not {DIRECTIONS}", row.values.len()));
+    fn read_labels(&mut self, task: &Task, reader: &DatasetReader) -> Result<()> {
+        match (task, &mut self.labels) {
+            (Task::Approach { label, .. }, Labels::PoseChanges(labels)) => {
+                for row in reader.all::<ApproachRow>()? {
+                    let ApproachRow { robot_from_current, robot_from_goal, .. } = row?;
+                    labels.push(label.label(&robot_from_current, &robot_from_goal).to_array());
+                }
+            }
+            (Task::Avoidance { .. }, Labels::AvoidanceMaps(maps)) => {
+                for row in reader.all::<AvoidanceRow>()? {
+                    let AvoidanceRow { index, values, .. } = row?;
+                    if values.len() != DIRECTIONS {
+                        let problem = format!("its map has {} directions, not {DIRECTIONS}", values.len());
+                        return Err(Error::Row {
+                            path: reader.dir().to_owned(),
+                            row: index as usize,
+                            problem,
+                        });
                     }
-                    Ok((decode(&row.image, input)?, row.values.clone()))
-                },
-                |(image, map)| {
-                    self.push_avoidance_map(&image, &map);
-                    progress(self.len());
-                },
-            ),
+                    maps.extend(values);
+                }
+            }
+            _ => panic!("labels of the other task"),
         }
-    }
-
-    fn push_pose_change(&mut self, images: &[u8], label: [f64; 6]) {
-        let Labels::PoseChanges(labels) = &mut self.labels else { panic!("examples of the other task") };
-        labels.push(label);
-        self.pixels.extend_from_slice(images);
-    }
-
-    fn push_avoidance_map(&mut self, image: &[u8], map: &[f32]) {
-        let Labels::AvoidanceMaps(values) = &mut self.labels else { panic!("examples of the other task") };
-        values.extend_from_slice(map);
-        self.pixels.extend_from_slice(image);
+        Ok(())
     }
 
     /// Number of examples.
@@ -151,6 +134,12 @@ impl Examples {
         &self.sources
     }
 
+    /// The file with the decoded images of each dataset: in its folder, or in a folder of the user's below the system's
+    /// temporary one where nothing can be written there.
+    pub fn caches(&self) -> impl Iterator<Item = &Path> {
+        self.images.iter().map(ImageCache::path)
+    }
+
     /// The numbers of each dataset's examples.
     pub fn ranges(&self) -> Vec<Range<usize>> {
         let mut end = 0;
@@ -176,9 +165,14 @@ impl Examples {
 
     /// The pixels of an example's image 0 or 1.
     pub(crate) fn image(&self, index: usize, which: usize) -> &[u8] {
-        let bytes = input::bytes(self.input);
-        let begin = (index * self.images_each() + which) * bytes;
-        &self.pixels[begin..begin + bytes]
+        let mut index = index;
+        for (source, images) in self.sources.iter().zip(&self.images) {
+            if index < source.rows {
+                return images.image(index, which);
+            }
+            index -= source.rows;
+        }
+        panic!("no such example")
     }
 }
 
@@ -195,59 +189,40 @@ fn common_camera(readers: &[DatasetReader]) -> Result<CameraConfig> {
     Ok(common)
 }
 
-/// Decodes the rows of a dataset in parallel, some at a time, and hands them on in their order.
-fn decoded<R: Row + Send + Sync, T: Send>(
-    reader: &DatasetReader,
-    decode: impl Fn(&R) -> Result<T, String> + Sync,
-    mut take: impl FnMut(T),
-) -> Result<()> {
-    let mut rows = reader.all::<R>()?;
-    for first in (0..).step_by(CHUNK) {
-        let chunk: Vec<R> = rows.by_ref().take(CHUNK).collect::<Result<_, _>>()?;
-        if chunk.is_empty() {
-            break;
-        }
-        let decode = |(i, row)| {
-            let at = |problem| Error::Row { path: reader.dir().to_owned(), row: first + i, problem };
-            decode(row).map_err(at)
-        };
-        let decoded: Vec<_> = chunk.par_iter().enumerate().map(decode).collect::<Result<_>>()?;
-        decoded.into_iter().for_each(&mut take);
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use std::array::from_fn;
-    use std::path::Path;
     use std::sync::atomic::AtomicBool;
 
-    use datagen::{DatasetConfig, Kind, Options, generate};
+    use datagen::{DatasetConfig, ImagesRow, Kind, Options, generate};
     use tempfile::TempDir;
     use world::LabelForm;
 
     use super::*;
+    use crate::cache::tests::in_memory;
     use crate::config::tests::tiny;
+    use crate::input::decode;
 
     /// Examples whose images show a bright square on gray; the label is where it is, or where it went.
     pub(crate) fn squares(task: &Task, rows: usize) -> Examples {
         let camera = CameraConfig { width: 32, height: 24, horizontal_fov_deg: 60.0, behind_hand_mm: 100.0 };
-        let mut examples = Examples::empty(task, camera, rows);
+        let mut examples = Examples::empty(task, camera);
+        let mut pixels = Vec::new();
         for i in 0..rows {
             let (current, goal) = ([7 * i % 24, 5 * i % 16], [11 * i % 24, 3 * i % 16]);
-            match task.kind() {
-                Kind::Approach => {
-                    let images = [square(current), square(goal)].concat();
+            pixels.extend(square(current));
+            match &mut examples.labels {
+                Labels::PoseChanges(labels) => {
+                    pixels.extend(square(goal));
                     let moved: [f64; 2] = from_fn(|axis| goal[axis] as f64 - current[axis] as f64);
-                    examples.push_pose_change(&images, from_fn(|axis| 0.001 * moved[axis % 2]));
+                    labels.push(from_fn(|axis| 0.001 * moved[axis % 2]));
                 }
-                Kind::Avoidance => {
-                    let map: [f32; DIRECTIONS] = from_fn(|n| if n % 24 < current[0] { 0.9 } else { 0.0 });
-                    examples.push_avoidance_map(&square(current), &map);
+                Labels::AvoidanceMaps(values) => {
+                    values.extend((0..DIRECTIONS).map(|n| if n % 24 < current[0] { 0.9 } else { 0.0 }));
                 }
             }
         }
+        examples.images.push(in_memory(&pixels, examples.images_each(), examples.input));
         examples.sources.push(Source { name: "squares".to_owned(), digest: format!("{rows}"), rows });
         examples
     }
@@ -259,7 +234,7 @@ pub(crate) mod tests {
     }
 
     /// Generates a dataset of four rows by a file of `configs/datasets`, seen by a camera of this field of view.
-    fn dataset(name: &str, fov_deg: f64) -> TempDir {
+    pub(crate) fn dataset(name: &str, fov_deg: f64) -> TempDir {
         let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
         let table = |file: &str| -> toml::Table {
             std::fs::read_to_string(configs.join(file)).unwrap().parse().unwrap()
@@ -285,14 +260,15 @@ pub(crate) mod tests {
         let [a, b] = [dataset("a", 60.0), dataset("b", 60.0)];
         let examples = load(Kind::Approach, &[&a, &b]).unwrap();
         assert_eq!((examples.len(), examples.ranges()), (8, vec![0..4, 4..8]));
-        let rows = DatasetReader::open(b.path()).unwrap().all::<ApproachRow>().unwrap();
+        let reader = DatasetReader::open(b.path()).unwrap();
+        let rows = reader.all::<ApproachRow>().unwrap().zip(reader.all::<ImagesRow>().unwrap());
         let Labels::PoseChanges(labels) = examples.labels() else { panic!("not pose changes") };
-        for (i, row) in (4..).zip(rows) {
-            let row = row.unwrap();
+        for (i, (row, images)) in (4..).zip(rows) {
+            let (row, images) = (row.unwrap(), images.unwrap().images);
             let label = LabelForm::Twist.label(&row.robot_from_current, &row.robot_from_goal);
             assert_eq!(labels[i].map(f64::to_bits), label.to_array().map(f64::to_bits));
-            assert_eq!(examples.image(i, 0), decode(&row.image_current, [32, 24]).unwrap());
-            assert_eq!(examples.image(i, 1), decode(&row.image_goal, [32, 24]).unwrap());
+            assert_eq!(examples.image(i, 0), decode(&images[0], [32, 24]).unwrap());
+            assert_eq!(examples.image(i, 1), decode(&images[1], [32, 24]).unwrap());
         }
     }
 

@@ -75,18 +75,20 @@ impl Window {
     }
 }
 
-/// Images as a network takes them, from 0 to 1.
+/// Images as a network takes them: from -1 to 1, centered so that the zeros of the padding are gray.
 ///
 /// # Shapes
 /// - `images`: each the bytes of one input
-/// - result: `[images, 3, height, width]`; in memory the colors are last
+/// - result: `[images, height, width, 3]`
 pub(crate) fn tensor(images: &[&[u8]], [width, height]: [usize; 2], device: &Device) -> Tensor<4> {
     let mut values = vec![0.0; images.len() * bytes([width, height])];
     values.par_chunks_exact_mut(bytes([width, height])).zip(images).for_each(|(values, image)| {
-        values.iter_mut().zip(*image).for_each(|(value, &byte)| *value = f32::from(byte) / 255.0);
+        values
+            .iter_mut()
+            .zip(*image)
+            .for_each(|(value, &byte)| *value = f32::from(byte) * (2.0 / 255.0) - 1.0);
     });
-    let data = TensorData::new(values, [images.len(), height, width, COLORS]);
-    Tensor::from_data(data, device).permute([0, 3, 1, 2])
+    Tensor::from_data(TensorData::new(values, [images.len(), height, width, COLORS]), device)
 }
 
 #[cfg(test)]
@@ -118,12 +120,17 @@ mod tests {
     }
 
     #[test]
-    fn a_tensor_is_channels_first_and_from_0_to_1() {
-        let [a, b]: [Vec<u8>; 2] = [0, 12].map(|first| (first..first + 12).collect());
-        let tensor = tensor(&[&a, &b], [2, 2], &Device::flex());
-        assert_eq!(tensor.dims(), [2, 3, 2, 2]);
-        // Image 1, green, second row, first column: byte 12 + (1 * 2 + 0) * 3 + 1.
-        let value: f32 = tensor.slice([1..2, 1..2, 1..2, 0..1]).into_scalar();
-        assert!((value - 19.0 / 255.0).abs() < 1e-7);
+    fn a_tensor_has_its_colors_last_and_is_centered() {
+        let a: Vec<u8> = (0..18).collect();
+        let b: Vec<u8> = (238..=255).collect();
+        let tensor = tensor(&[&a, &b], [3, 2], &Device::flex());
+        assert_eq!(tensor.dims(), [2, 2, 3, 3]);
+        // Second row, first column, green: byte (1 * 3 + 0) * 3 + 1.
+        for (image, byte) in [(0, 10.0), (1, 248.0)] {
+            let value: f32 = tensor.clone().slice([image..image + 1, 1..2, 0..1, 1..2]).into_scalar();
+            assert!((value - (byte - 127.5) / 127.5).abs() < 1e-6, "{value}");
+        }
+        let values: Vec<f32> = tensor.into_data().try_to_vec().unwrap();
+        assert!(values[0].to_bits() == (-1.0_f32).to_bits() && (values[35] - 1.0).abs() < 1e-6);
     }
 }

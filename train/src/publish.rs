@@ -42,8 +42,7 @@ pub(crate) fn recover(target: &Path) -> Result<()> {
 
 /// Writes a file that appears under its name only when it is complete.
 pub(crate) fn write(path: &Path, contents: &str) -> Result<()> {
-    let io = |source| datagen::Error::Io { path: path.to_owned(), source };
-    Ok(datagen::publish::publish(path, |file| file.write_all(contents.as_bytes()).map_err(io))?)
+    datagen::publish::publish(path, |file| file.write_all(contents.as_bytes()).map_err(at(path)))
 }
 
 fn beside(target: &Path, what: &str) -> PathBuf {

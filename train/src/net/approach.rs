@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::head::Head;
 use super::init::Init;
 use super::trunk::{Trunk, TrunkKind};
-use super::{BadNetwork, Scale, centered, halves};
+use super::{BadNetwork, Scale, halves};
 
 /// What swapping the two images does to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,10 +66,9 @@ pub struct ApproachNet {
 
 impl ApproachNet {
     /// # Shapes
-    /// - `current`, `goal`: `[batch, 3, height, width]`, values in 0..=1
+    /// - `current`, `goal`: `[batch, height, width, 3]`, values from -1 to 1
     /// - result: `[batch, 6]`, standardized (see [`Standardization`](crate::normalization::Standardization))
     pub fn forward(&self, current: Tensor<4>, goal: Tensor<4>) -> Tensor<2> {
-        let (current, goal) = (centered(current), centered(goal));
         let pair = Tensor::cat(vec![current.clone(), goal.clone()], 3);
         if !self.antisymmetric {
             return self.head.forward(self.trunk.forward(pair));
@@ -98,7 +97,7 @@ mod tests {
     }
 
     fn images(batch: usize, seed: u64, device: &Device) -> Tensor<4> {
-        Init::new(seed, device).kaiming([batch, 3, 48, 72], 6).val().abs()
+        Init::new(seed, device).kaiming([batch, 48, 72, 3], 6).val()
     }
 
     fn values(tensor: Tensor<2>) -> Vec<f32> {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::head::Head;
 use super::init::Init;
 use super::trunk::Trunk;
-use super::{BadNetwork, Scale, centered};
+use super::{BadNetwork, Scale};
 
 /// Directions in an avoidance map (Section 4.2: N = 180).
 pub const DIRECTIONS: usize = 180;
@@ -54,10 +54,10 @@ impl AvoidNet {
     /// The output to train on. It is linear: a label of exactly 0 or 1 is common, and a sigmoid would reach neither.
     ///
     /// # Shapes
-    /// - `image`: `[batch, 3, height, width]`, values in 0..=1
+    /// - `image`: `[batch, height, width, 3]`, values from -1 to 1
     /// - result: `[batch, 180]`
     pub fn forward(&self, image: Tensor<4>) -> Tensor<2> {
-        self.head.forward(self.trunk.forward(centered(image)))
+        self.head.forward(self.trunk.forward(image))
     }
 
     /// The avoidance map: [`forward`](Self::forward) clamped to the range 0..=1 of Eq. (1).
@@ -74,7 +74,7 @@ mod tests {
     fn maps_have_180_values_from_zero_to_one() {
         let device = Device::flex();
         let net = AvoidConfig { width: 0.1, input: [64, 48], head: 16 }.init(1, &device);
-        let image = Init::new(2, &device).kaiming([3, 3, 48, 64], 6).val().abs();
+        let image = Init::new(2, &device).kaiming([3, 48, 64, 3], 6).val();
         let linear = net.forward(image.clone());
         assert_eq!(linear.dims(), [3, DIRECTIONS]);
         let expected: Vec<f32> = linear.into_data().iter::<f32>().map(|v| v.clamp(0.0, 1.0)).collect();

@@ -1,7 +1,7 @@
 //! The networks: `CNN_approach` (Section 4.1) from the current and the goal image to the motion between them,
 //! `CNN_avoid` (Section 4.2) from the current image to the risk of each direction.
 //!
-//! Inside, tensors have their channels last: `[batch, height, width, channels]`.
+//! Tensors have their channels last: `[batch, height, width, channels]`.
 
 mod approach;
 mod avoid;
@@ -71,12 +71,6 @@ impl Scale {
         }
         Ok(())
     }
-}
-
-/// From images as they are stored to what a trunk sees: channels last, centered on zero so that the zeros of the
-/// padding are gray.
-fn centered(images: Tensor<4>) -> Tensor<4> {
-    images.permute([0, 2, 3, 1]) * 2.0 - 1.0
 }
 
 /// The two halves of a batch.
