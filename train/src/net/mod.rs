@@ -7,6 +7,8 @@ mod approach;
 mod avoid;
 mod conv;
 mod conv_cpu;
+mod correlation;
+mod correlation_cpu;
 mod head;
 mod init;
 mod trunk;
@@ -15,7 +17,7 @@ pub use self::approach::{ApproachConfig, ApproachNet, Symmetry};
 pub use self::avoid::{AvoidConfig, AvoidNet, DIRECTIONS};
 pub use self::conv::{ConvBlock, leaky_conv2d};
 pub use self::head::Head;
-pub use self::trunk::{Trunk, TrunkKind};
+pub use self::trunk::{FlowNetC, FlowNetS, Trunk, TrunkKind};
 
 use burn::tensor::Tensor;
 
