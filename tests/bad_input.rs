@@ -55,6 +55,9 @@ fn bad_configurations() {
     folder
         .run(&format!("train {train} --out run --set network.trunk=resnet"))
         .fails(2, &["resnet", "flownet_s"]);
+    folder
+        .run(&format!("train {} --out run --set network.trunk=flownet_c", config("train/avoid.toml")))
+        .fails(2, &["network.trunk", "flownet_c", "one image"]);
     let table1 = config("eval/oracle.toml");
     folder.run(&format!("eval {table1} --out e --set servo.gain=0")).fails(2, &["servo.gain = 0"]);
 }

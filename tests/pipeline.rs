@@ -100,10 +100,11 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     let by_path = folder.run(&format!("{eval} --approach run/best --out e2 --json")).ok().json();
     assert_eq!(by_name["position_norm_mm"], by_path["position_norm_mm"]);
     assert!(folder.path("e1/table1.md").exists() && folder.path("e1/config.toml").exists());
-    // The paper's own label and network, and the baseline, go the same way.
+    // The paper's own label and network, the baseline and FlowNetC go the same way.
     for (run, network) in [
         ("paper", "--set network.label=difference --set network.symmetry=none"),
         ("definet", "--set network.trunk=definet --set network.symmetry=none"),
+        ("flownet_c", "--set network.trunk=flownet_c"),
     ] {
         folder.run(&format!("train {} --data a --out {run} {tiny} {network}", train.display())).ok();
         let result = folder.run(&format!("{eval} --approach {run}/best --out e-{run} --json")).ok().json();

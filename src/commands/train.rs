@@ -16,6 +16,7 @@ use train::config::TrainConfig;
 use train::examples::Examples;
 use train::fit::{self, EpochRecord, Run};
 use train::metric::Metrics;
+use train::pretrained::Imported;
 
 /// Name of the file beside a run's checkpoints that says how the run went. It is written last.
 pub(crate) const RESULT: &str = "result.json";
@@ -113,6 +114,11 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
                 &format!("epoch {epoch}/{epochs}, loss {loss:.4}"),
             );
         }
+        fit::Progress::Imported(imported) => {
+            for line in report(imported) {
+                progress.say(&format!("{name}: {line}"));
+            }
+        }
         fit::Progress::Epoch(record) => progress.say(&format!(
             "{name}: epoch {}, training loss {:.4}, validation {}",
             record.epoch,
@@ -139,6 +145,25 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     };
     write_file(&out.join(RESULT), serde_json::to_string_pretty(&trained)?)?;
     Ok(trained)
+}
+
+/// What became of a file of published weights, a line each.
+fn report(imported: &Imported) -> Vec<String> {
+    let Imported { path, matched, kept, unused, other_shape, .. } = imported;
+    let parameters = matched.len() + kept.len() + other_shape.len();
+    let mut lines =
+        vec![format!("{} of {parameters} parameters begin from {}", matched.len(), path.display())];
+    let mut list = |what: &str, names: &[String]| {
+        if !names.is_empty() {
+            lines.push(format!("  {what}: {}", names.join(", ")));
+        }
+    };
+    list("not in the file, initial weights", kept);
+    let shapes = other_shape.iter();
+    let shapes = shapes.map(|other| format!("{} {:?} (there {:?})", other.parameter, other.ours, other.theirs));
+    list("other shape, initial weights", &shapes.collect::<Vec<_>>());
+    list("in the file, but not used", unused);
+    lines
 }
 
 /// The losses of a run, averaged over groups of batches.

@@ -22,7 +22,7 @@ import torch
 from safetensors.torch import load_file
 from torch.nn import functional as F
 
-from networks import ENCODER, ApproachNet
+from networks import ApproachNet
 
 # As in configs/train/; pytorch.rs has the same.
 LEARNING_RATE, WEIGHT_DECAY, GRADIENT_CLIP = 1e-3, 0.01, 1.0
@@ -37,7 +37,7 @@ CASES = (
     + [f"train/{network}/1.0/128x96/8" for network in NETWORKS]
     + ["infer/flownet_s/antisymmetric/0.25/128x96/1"]
 )
-TRUNKS = ["flownet_s", "definet"]
+TRUNKS = ["flownet_s", "flownet_c", "definet", "definet_gap"]
 SYMMETRIES = ["none", "antisymmetric"]
 CHECKS = [f"train/{t}/{s}/0.25/{size}" for t in TRUNKS for s in SYMMETRIES for size in ("128x96/4", "100x75/3")]
 
@@ -192,17 +192,7 @@ def weights_of(file):
     """Ours as PyTorch stores them."""
     tensors = load_file(file)
     axes = {4: CONV_AXES, 2: (1, 0), 1: (0,)}
-    definet = any("encoder" in name for name in tensors)
-    return {published(name, definet): tensor.permute(axes[tensor.ndim]) for name, tensor in tensors.items()}
-
-
-def published(name, definet):
-    """`trunk.conv1.weight` for `trunk.layers.0.weight`, and so on."""
-    trunk, *rest = name.split(".")
-    if trunk != "trunk":
-        return name
-    first = 4 if definet and rest[0] == "layers" else 0
-    return f"trunk.{ENCODER[first + int(rest[1])]}.{rest[2]}"
+    return {name: tensor.permute(axes[tensor.ndim]) for name, tensor in tensors.items()}
 
 
 def computed_by_theirs(case, weights, sample, steps, dtype):

@@ -28,7 +28,7 @@ use crate::normalization::Standardization;
 use crate::publish::{self, at};
 
 /// Version of the directory's form.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const MODEL: &str = "model.json";
 const WEIGHTS: &str = "weights.safetensors";
 const CONFIG: &str = "config.toml";
@@ -51,6 +51,9 @@ pub struct ModelInfo {
     pub datasets: Vec<Source>,
     /// Seed of the training.
     pub seed: u64,
+    /// SHA-256 of the file of published weights that the training began from, if it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pretrained_sha256: Option<String>,
     /// State of the training when the weights were saved; none before the end of the first epoch.
     pub epoch: Option<EpochRecord>,
     /// SHA-256 of the weights' file.
@@ -103,6 +106,7 @@ impl ModelInfo {
             camera: examples.camera().clone(),
             datasets: examples.sources().to_vec(),
             seed: 0,
+            pretrained_sha256: None,
             epoch: None,
             weights_sha256: String::new(),
         }

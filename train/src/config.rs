@@ -22,13 +22,17 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Share of each dataset that is held out for validation.
     pub validation: f64,
+    /// Published weights of FlowNetS or FlowNetC to begin from (see [`pretrained`](crate::pretrained)); without it the
+    /// initial weights are random.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pretrained: Option<PathBuf>,
     /// The network.
     pub network: NetworkConfig,
     /// How it is fitted.
     pub optimizer: OptimizerConfig,
 }
 
-/// Architecture. The last three keys belong to `kind = "approach"` alone: there they are needed, elsewhere refused.
+/// Architecture. The last two keys belong to `kind = "approach"` alone: there they are needed, elsewhere refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
@@ -38,9 +42,8 @@ pub struct NetworkConfig {
     pub input: [usize; 2],
     /// Width of the two hidden fully connected layers (paper: 2048).
     pub head: usize,
-    /// What sees the image pair.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub trunk: Option<TrunkKind>,
+    /// What sees the images.
+    pub trunk: TrunkKind,
     /// What swapping the two images does to the output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub symmetry: Option<Symmetry>,
@@ -117,19 +120,17 @@ impl TrainConfig {
         require("datasets", !self.datasets.is_empty(), &"[]", "at least one directory")?;
         let share = self.validation;
         require("validation", share > 0.0 && share <= 0.5, &share, "a share above 0 and at most 0.5")?;
-        let NetworkConfig { width, input, head, .. } = self.network;
+        let NetworkConfig { trunk, width, input, head, .. } = self.network;
         let task = match self.kind {
             Kind::Approach => {
-                let trunk = self.needed("trunk", self.network.trunk)?;
                 let symmetry = self.needed("symmetry", self.network.symmetry)?;
                 let label = self.needed("label", self.network.label)?;
                 Task::Approach { label, network: ApproachConfig { trunk, symmetry, width, input, head } }
             }
             Kind::Avoidance => {
-                self.meaningless("trunk", self.network.trunk.is_some())?;
                 self.meaningless("symmetry", self.network.symmetry.is_some())?;
                 self.meaningless("label", self.network.label.is_some())?;
-                Task::Avoidance { network: AvoidConfig { width, input, head } }
+                Task::Avoidance { network: AvoidConfig { trunk, width, input, head } }
             }
         };
         task.validate()?;
@@ -198,11 +199,12 @@ pub(crate) mod tests {
             datasets: vec!["a".into()],
             seed: 7,
             validation: 0.25,
+            pretrained: None,
             network: NetworkConfig {
                 width: 0.02,
                 input: [32, 24],
                 head: 16,
-                trunk: approach.then_some(TrunkKind::FlowNetS),
+                trunk: TrunkKind::FlowNetS,
                 symmetry: approach.then_some(Symmetry::Antisymmetric),
                 label: approach.then_some(LabelForm::Twist),
             },
@@ -243,7 +245,7 @@ pub(crate) mod tests {
         assert!(named(|c| c.optimizer.epochs = 0).starts_with("optimizer.epochs = 0:"));
         assert!(named(|c| c.network.width = -1.0).starts_with("network.width = -1:"));
         assert!(named(|c| c.network.label = None).starts_with("network.label: missing"));
-        assert!(named(|c| c.kind = Kind::Avoidance).starts_with("network.trunk: given"));
+        assert!(named(|c| c.kind = Kind::Avoidance).starts_with("network.symmetry: given"));
     }
 
     #[test]
@@ -254,7 +256,7 @@ pub(crate) mod tests {
         assert_eq!(ours.difference(&other), None);
         other.optimizer.batch = 8;
         assert_eq!(ours.difference(&other), Some(["optimizer.batch", "8", "4"].map(str::to_owned)));
-        other.network.trunk = None;
+        other.network.trunk = TrunkKind::Definet;
         assert_eq!(ours.difference(&other).unwrap()[0], "network.trunk");
     }
 

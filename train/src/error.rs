@@ -159,6 +159,14 @@ pub enum Error {
         /// In this configuration.
         is: String,
     },
+    /// A file of published weights that a network cannot begin from.
+    #[error("pretrained weights {}: {problem}", path.display())]
+    Pretrained {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// A file or directory that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {

@@ -27,6 +27,7 @@ use crate::history;
 use crate::loss::mean_squared_error;
 use crate::metric::Metrics;
 use crate::network::Network;
+use crate::pretrained::{self, Imported};
 use crate::publish::{self, at};
 use crate::schedule::OneCycle;
 use crate::split::Split;
@@ -50,6 +51,8 @@ pub struct Run<'a> {
 /// News from a run.
 #[derive(Debug)]
 pub enum Progress<'a> {
+    /// The network begins from published weights.
+    Imported(&'a Imported),
     /// A step was taken.
     Step {
         /// Epoch, from 1, and number of epochs.
@@ -117,6 +120,8 @@ struct State {
     network: Network,
     optimizer: AdamW,
     place: Place,
+    /// SHA-256 of the file of published weights from which it began.
+    pretrained: Option<String>,
 }
 
 /// Trains a network, or continues to.
@@ -130,7 +135,7 @@ pub fn fit(run: &Run, examples: &Examples, progress: &mut dyn FnMut(Progress)) -
     let batches = (split.training.len() / run.config.optimizer.batch).max(1);
     let schedule = OneCycle::new(&run.config.optimizer, run.config.optimizer.epochs * batches);
     let training = Training { run, task, examples, split, targets, batches, schedule };
-    let mut state = if run.resume { training.resumed()? } else { training.started()? };
+    let mut state = if run.resume { training.resumed()? } else { training.started(progress)? };
     while state.place.epoch < run.config.optimizer.epochs {
         state = training.epoch(state, progress)?;
         if let Some(record) = &state.place.last {
@@ -168,18 +173,24 @@ impl Training<'_> {
         self.run.device.clone().autodiff()
     }
 
-    fn started(&self) -> Result<State> {
+    fn started(&self, progress: &mut dyn FnMut(Progress)) -> Result<State> {
         let Run { config, directory, .. } = *self.run;
         publish::recover(&self.last())?;
         if self.last().exists() {
             return Err(Error::RunExists { directory: directory.to_owned() });
         }
+        let mut network = Network::new(&self.task, config.seed, &self.device());
+        let mut pretrained = None;
+        if let Some(path) = &config.pretrained {
+            let imported = pretrained::import(path, &mut network, &self.device())?;
+            progress(Progress::Imported(&imported));
+            pretrained = Some(imported.sha256);
+        }
         std::fs::create_dir_all(directory).map_err(at(directory))?;
         checkpoint::write_config(&directory.join("config.toml"), config)?;
         history::keep(directory, 0)?;
-        let network = Network::new(&self.task, config.seed, &self.device());
         let optimizer = AdamW::new(&network, config.optimizer.weight_decay);
-        Ok(State { network, optimizer, place: Place::default() })
+        Ok(State { network, optimizer, place: Place::default(), pretrained })
     }
 
     fn resumed(&self) -> Result<State> {
@@ -200,7 +211,8 @@ impl Training<'_> {
         let optimizer = AdamW::new(&checkpoint.network, config.optimizer.weight_decay);
         let (optimizer, place) = checkpoint::load_training(&self.last(), optimizer)?;
         history::keep(directory, place.epoch)?;
-        Ok(State { network: checkpoint.network, optimizer, place })
+        let pretrained = checkpoint.info.pretrained_sha256;
+        Ok(State { network: checkpoint.network, optimizer, place, pretrained })
     }
 
     /// From wherever the state stands to the end of its epoch.
@@ -228,7 +240,7 @@ impl Training<'_> {
     }
 
     fn step(&self, state: State, indices: &[usize]) -> Result<State> {
-        let State { network, mut optimizer, mut place } = state;
+        let State { network, mut optimizer, mut place, pretrained } = state;
         let device = self.device();
         let outputs = network.forward(Images::of(self.examples, indices, &device));
         let loss = mean_squared_error(outputs, self.targets.tensor(indices, &device));
@@ -241,7 +253,7 @@ impl Training<'_> {
         place.batch += 1;
         place.loss_sum += loss;
         place.gradient_norm = place.gradient_norm.max(norm);
-        Ok(State { network, optimizer, place })
+        Ok(State { network, optimizer, place, pretrained })
     }
 
     /// Learning rate of the next step.
@@ -291,7 +303,8 @@ impl Training<'_> {
 
     fn contents<'a>(&'a self, state: &'a State) -> Contents<'a> {
         let info = ModelInfo::new(&self.task, self.examples, self.targets.standardization());
-        let info = ModelInfo { seed: self.run.config.seed, epoch: state.place.last.clone(), ..info };
+        let (epoch, pretrained_sha256) = (state.place.last.clone(), state.pretrained.clone());
+        let info = ModelInfo { seed: self.run.config.seed, epoch, pretrained_sha256, ..info };
         Contents { info, config: self.run.config, network: &state.network, training: None }
     }
 

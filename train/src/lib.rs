@@ -25,6 +25,7 @@ pub mod model;
 pub mod net;
 pub mod network;
 pub mod normalization;
+pub mod pretrained;
 mod publish;
 pub mod schedule;
 pub mod split;

@@ -16,6 +16,9 @@ use super::{BadNetwork, Scale, halves};
 pub enum Symmetry {
     /// It negates it, exactly: `v(a, b) = (g(a, b) - g(b, a)) / 2`. Then `v(a, a) = 0`, and the closed loop has no bias
     /// at its goal. Right for targets that are negated too, as the twist `log(T^-1) = -log(T)` is. Beyond the paper.
+    ///
+    /// It is imposed on the network as a whole. In the DEFINet-style trunks the difference of the features is negated
+    /// already, but the layers after it, and the head, are not odd functions; here they become so.
     Antisymmetric,
     /// Nothing is imposed: `v(a, b) = g(a, b)`, as in the paper.
     None,
@@ -50,8 +53,8 @@ impl ApproachConfig {
     /// The network with its initial weights, a pure function of `seed`.
     pub fn init(&self, seed: u64, device: &Device) -> ApproachNet {
         let (scale, mut init) = (self.scale(), Init::new(seed, device));
-        let trunk = Trunk::for_pairs(self.trunk, &scale, &mut init);
-        let head = Head::new(trunk.features(&scale), scale.head, 6, &mut init);
+        let trunk = Trunk::new(self.trunk, &scale, &mut init);
+        let head = Head::new(self.trunk.features(&scale), scale.head, 6, &mut init);
         ApproachNet { trunk, head, antisymmetric: self.symmetry == Symmetry::Antisymmetric }
     }
 }
@@ -69,13 +72,14 @@ impl ApproachNet {
     /// - `current`, `goal`: `[batch, height, width, 3]`, values from -1 to 1
     /// - result: `[batch, 6]`, standardized (see [`Standardization`](crate::normalization::Standardization))
     pub fn forward(&self, current: Tensor<4>, goal: Tensor<4>) -> Tensor<2> {
-        let pair = Tensor::cat(vec![current.clone(), goal.clone()], 3);
+        let encoded = self.trunk.encode(Tensor::cat(vec![current, goal], 0));
+        let [current, goal] = halves(&encoded);
         if !self.antisymmetric {
-            return self.head.forward(self.trunk.forward(pair));
+            return self.head.forward(self.trunk.compare(current, goal));
         }
         // One batch of twice the size.
-        let swapped = Tensor::cat(vec![goal, current], 3);
-        let both = self.head.forward(self.trunk.forward(Tensor::cat(vec![pair, swapped], 0)));
+        let swapped = Tensor::cat(vec![goal, current], 0);
+        let both = self.head.forward(self.trunk.compare(encoded, swapped));
         let [forward, backward] = halves(&both);
         (forward - backward) / 2.0
     }
@@ -90,7 +94,8 @@ mod tests {
     use super::*;
     use crate::loss::mean_squared_error;
 
-    const TRUNKS: [TrunkKind; 2] = [TrunkKind::FlowNetS, TrunkKind::Definet];
+    const TRUNKS: [TrunkKind; 4] =
+        [TrunkKind::FlowNetS, TrunkKind::FlowNetC, TrunkKind::Definet, TrunkKind::DefinetGap];
 
     fn config(trunk: TrunkKind, symmetry: Symmetry) -> ApproachConfig {
         ApproachConfig { trunk, symmetry, width: 0.1, input: [72, 48], head: 24 }

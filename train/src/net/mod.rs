@@ -8,8 +8,11 @@ mod avoid;
 mod conv;
 mod conv_cpu;
 mod conv_simd;
+mod correlation;
+mod correlation_cpu;
 mod head;
 mod init;
+mod stack;
 mod trunk;
 
 pub use self::approach::{ApproachConfig, ApproachNet, Symmetry};
@@ -17,7 +20,7 @@ pub use self::avoid::{AvoidConfig, AvoidNet, DIRECTIONS};
 pub(crate) use self::conv::on_cpu;
 pub use self::conv::{ConvBlock, leaky_conv2d};
 pub use self::head::Head;
-pub use self::trunk::{Trunk, TrunkKind};
+pub use self::trunk::{FlowNetC, FlowNetS, Trunk, TrunkKind};
 
 use burn::tensor::Tensor;
 

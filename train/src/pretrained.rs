@@ -1,0 +1,292 @@
+//! Import of published weights: a safetensors file of FlowNetS or FlowNetC under the names of the public PyTorch code
+//! (`state_dict` of FlowNetPytorch or flownet2-pytorch).
+//!
+//! ```text
+//! theirs              ours
+//! conv3_1.0.weight    trunk.conv3_1.weight
+//! conv3_1.0.bias      trunk.conv3_1.bias
+//! ```
+//!
+//! Their decoder has no place here, and our head begins untrained. They saw images that were scaled and centered in
+//! another way (RGB / 255 less a mean); what that changes, training makes good.
+
+use std::path::{Path, PathBuf};
+
+use burn::tensor::{Device, Tensor};
+use burn_store::burn_pack;
+use burn_store::{ModuleSnapshot, ModuleStore, SafetensorsStore, bridge};
+use datagen::publish::digest_of_file;
+
+use crate::error::{Error, Result};
+use crate::network::Network;
+
+/// Axes of a published weight `[out, in, kernel, kernel]` in the order of [`ConvBlock`](crate::net::ConvBlock).
+const AXES: [usize; 4] = [0, 2, 3, 1];
+
+/// What of a file went into a network.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    /// The file.
+    pub path: PathBuf,
+    /// Its SHA-256.
+    pub sha256: String,
+    /// Parameters of the network that were taken from the file.
+    pub matched: Vec<String>,
+    /// Parameters of the network that are not in the file; they keep their initial weights.
+    pub kept: Vec<String>,
+    /// Tensors of the file that have no place in the network.
+    pub unused: Vec<String>,
+    /// Parameters that have another shape there; they keep their initial weights.
+    pub other_shape: Vec<OtherShape>,
+}
+
+/// A parameter that has another shape in the file. Shapes are in the published layout, `[out, in, kernel, kernel]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OtherShape {
+    /// Its name in the network.
+    pub parameter: String,
+    /// Shape in the network.
+    pub ours: Vec<usize>,
+    /// Shape in the file.
+    pub theirs: Vec<usize>,
+}
+
+/// Replaces the weights of a network's trunk by those of a file. Nothing to replace is an error.
+pub fn import(path: &Path, network: &mut Network, device: &Device) -> Result<Imported> {
+    let bad = |problem: String| Error::Pretrained { path: path.to_owned(), problem };
+    if !path.is_file() {
+        return Err(bad("there is no such file".to_owned()));
+    }
+    let sha256 = digest_of_file(path)?;
+    let (matched, kept) = (Vec::new(), Vec::new());
+    let mut imported =
+        Imported { path: path.to_owned(), sha256, matched, kept, unused: Vec::new(), other_shape: Vec::new() };
+    let parameters = network.collect(None, None, true);
+    let mut store = SafetensorsStore::from_file(path);
+    let tensors = store.get_all_tensors().map_err(|error| {
+        bad(format!("not a safetensors file ({error}); `safetensors.torch.save_file` makes one of a state_dict"))
+    })?;
+    let mut converted = Vec::new();
+    for (name, tensor) in tensors {
+        let ours = our_name(name).filter(|ours| !imported.matched.contains(ours));
+        let Some(parameter) = parameters.iter().find(|parameter| Some(&parameter.name) == ours.as_ref()) else {
+            imported.unused.push(name.clone());
+            continue;
+        };
+        let (parameter, ours, theirs) = (parameter.name.clone(), published(&parameter.shape), tensor.shape.to_vec());
+        if ours == theirs {
+            let value = ours_of(tensor, parameter.clone(), device);
+            converted.push(value.map_err(|error| bad(format!("{name}: {error}")))?);
+            imported.matched.push(parameter);
+        } else {
+            imported.other_shape.push(OtherShape { parameter, ours, theirs });
+        }
+    }
+    let names = parameters.into_iter().map(|parameter| parameter.name);
+    let differs = |name: &String| imported.other_shape.iter().any(|other| other.parameter == *name);
+    imported.kept = names.filter(|name| !imported.matched.contains(name) && !differs(name)).collect();
+    if imported.matched.is_empty() {
+        return Err(bad(nothing(&imported)));
+    }
+    let applied = network.apply(converted, None, None, true);
+    applied.errors.first().map_or(Ok(imported), |error| Err(bad(error.to_string())))
+}
+
+/// The name of our parameter for one of theirs, whatever it is wrapped in.
+fn our_name(theirs: &str) -> Option<String> {
+    let mut name = theirs;
+    while let Some(inner) = ["module.", "state_dict."].iter().find_map(|prefix| name.strip_prefix(prefix)) {
+        name = inner;
+    }
+    let (layer, kind) = name.split_once(".0.")?;
+    Some(format!("trunk.{layer}.{kind}"))
+}
+
+/// The shape of one of our parameters in the published layout.
+fn published(ours: &[usize]) -> Vec<usize> {
+    let mut theirs = ours.to_vec();
+    if ours.len() == AXES.len() {
+        AXES.iter().zip(ours).for_each(|(&axis, &size)| theirs[axis] = size);
+    }
+    theirs
+}
+
+/// One of their tensors as one of our parameters.
+fn ours_of(
+    tensor: &burn_pack::Tensor,
+    name: String,
+    device: &Device,
+) -> Result<burn_pack::Tensor, burn_pack::Error> {
+    let data = bridge::to_data(tensor)?.convert::<f32>();
+    if data.shape().num_dims() != AXES.len() {
+        return Ok(bridge::from_data(data, name, None));
+    }
+    let weight = Tensor::<4>::from_data(data, device).permute(AXES);
+    Ok(bridge::from_data(weight.into_data(), name, None))
+}
+
+/// Why nothing of a file fits.
+fn nothing(imported: &Imported) -> String {
+    if let Some(OtherShape { parameter, ours, theirs }) = imported.other_shape.first() {
+        return format!(
+            "none of its weights has the shape of the network's: {parameter} is {theirs:?} there and {ours:?} here; \
+             the published networks have network.width = 1.0"
+        );
+    }
+    let found = imported.unused.iter().take(3).cloned().collect::<Vec<_>>().join(", ");
+    format!(
+        "none of its {} tensors is known: expected names like conv3_1.0.weight and conv3_1.0.bias, as in the public \
+         PyTorch code, and found [{found}, ...]",
+        imported.unused.len()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use burn::tensor::activation::leaky_relu;
+    use burn::tensor::module::conv2d;
+    use burn::tensor::ops::ConvOptions;
+    use burn::tensor::{TensorData, Tolerance};
+    use datagen::Kind;
+    use serde_json::{Map, Value, json};
+
+    use super::*;
+    use crate::checkpoint::Checkpoint;
+    use crate::config::TrainConfig;
+    use crate::config::tests::tiny;
+    use crate::examples::tests::squares;
+    use crate::fit::{Progress, Run, fit};
+    use crate::net::leaky_conv2d;
+
+    /// What stands at a place of a weight.
+    fn value(place: usize) -> f32 {
+        (place as f32 * 0.7).sin()
+    }
+
+    /// A safetensors file: the length of a header, the header, the numbers.
+    fn write(path: &Path, tensors: &[(String, Vec<usize>)]) {
+        let (mut header, mut numbers) = (Map::new(), Vec::new());
+        for (name, shape) in tensors {
+            let begin = numbers.len();
+            (0..shape.iter().product()).for_each(|place| numbers.extend(value(place).to_le_bytes()));
+            let entry = json!({"dtype": "F32", "shape": shape, "data_offsets": [begin, numbers.len()]});
+            header.insert(name.clone(), entry);
+        }
+        let header = Value::Object(header).to_string();
+        let length = (header.len() as u64).to_le_bytes();
+        fs::write(path, [&length, header.as_bytes(), &numbers].concat()).unwrap();
+    }
+
+    /// Names and shapes of FlowNetS at the width of [`tiny`], first layer and last bias apart, with its decoder.
+    fn flownet_s(prefix: &str, first: usize) -> Vec<(String, Vec<usize>)> {
+        let layers = ["1", "2", "3", "3_1", "4", "4_1", "5", "5_1", "6", "6_1"];
+        let channels = [first, 1, 3, 5, 5, 10, 10, 10, 10, 20, 20];
+        let kernels = [7, 5, 5, 3, 3, 3, 3, 3, 3, 3];
+        let mut tensors = vec![(format!("{prefix}predict_flow6.weight"), vec![2, 20, 3, 3])];
+        for (i, layer) in layers.iter().enumerate() {
+            let (outputs, kernel) = (channels[i + 1], kernels[i]);
+            tensors.push((format!("{prefix}conv{layer}.0.weight"), vec![outputs, channels[i], kernel, kernel]));
+            tensors.push((format!("{prefix}conv{layer}.0.bias"), vec![outputs]));
+        }
+        tensors
+    }
+
+    fn network(config: &TrainConfig) -> Network {
+        Network::new(&config.task().unwrap(), 1, &Device::flex())
+    }
+
+    fn weight(network: &Network, name: &str) -> TensorData {
+        let parameters = network.collect(None, None, true);
+        bridge::to_data(parameters.iter().find(|parameter| parameter.name == name).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_layer_computes_what_it_computed_there() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("flownets.safetensors");
+        write(&path, &flownet_s("state_dict.module.", 6));
+        let device = Device::flex();
+        let mut network = network(&tiny(Kind::Approach));
+        import(&path, &mut network, &device).unwrap();
+        let floats = |shape: &[usize]| {
+            TensorData::new((0..shape.iter().product()).map(value).collect::<Vec<f32>>(), shape.to_vec())
+        };
+        let image = Tensor::<4>::from_data(floats(&[1, 9, 8, 3]), &device);
+        let theirs = conv2d(
+            image.clone().permute([0, 3, 1, 2]),
+            Tensor::from_data(floats(&[5, 3, 5, 5]), &device),
+            Some(Tensor::from_data(floats(&[5]), &device)),
+            ConvOptions::new([2, 2], [2, 2], [1, 1], 1),
+        );
+        let ours = ["weight", "bias"].map(|kind| weight(&network, &format!("trunk.conv3.{kind}")));
+        let [weight, bias] = ours;
+        let (weight, bias) = (Tensor::from_data(weight, &device), Tensor::from_data(bias, &device));
+        let ours = leaky_conv2d(image, weight, bias, 2).permute([0, 3, 1, 2]).into_data();
+        ours.assert_approx_eq::<f32>(&leaky_relu(theirs, 0.1).into_data(), Tolerance::rel_abs(1e-5, 1e-5));
+    }
+
+    #[test]
+    fn what_became_of_everything_is_reported() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("flownets.safetensors");
+        let mut tensors = flownet_s("module.", 6);
+        tensors.retain(|(name, _)| !name.ends_with("conv6_1.0.bias"));
+        write(&path, &tensors);
+        // Of a network that sees one image, the first layer is another.
+        let mut network = network(&tiny(Kind::Avoidance));
+        let before = weight(&network, "trunk.conv1.weight");
+        let found = import(&path, &mut network, &Device::flex()).unwrap();
+        assert_eq!(found.sha256, datagen::publish::digest(&fs::read(&path).unwrap()));
+        assert_eq!(found.matched.len(), 18);
+        assert_eq!(found.unused, ["module.predict_flow6.weight"]);
+        let head = ["hidden1", "hidden2", "output"].map(|layer| format!("head.{layer}"));
+        let head = head.iter().flat_map(|layer| [format!("{layer}.weight"), format!("{layer}.bias")]);
+        assert_eq!(found.kept, [vec!["trunk.conv6_1.bias".to_owned()], head.collect()].concat());
+        let (parameter, ours, theirs) = ("trunk.conv1.weight".to_owned(), vec![1, 3, 7, 7], vec![1, 6, 7, 7]);
+        assert_eq!(found.other_shape, [OtherShape { parameter, ours, theirs }]);
+        assert_eq!(weight(&network, "trunk.conv1.weight"), before);
+    }
+
+    #[test]
+    fn a_file_of_something_else_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("weights.safetensors");
+        let mut network = network(&tiny(Kind::Approach));
+        let mut refused = || import(&path, &mut network, &Device::flex()).unwrap_err().to_string();
+        assert!(refused().ends_with("weights.safetensors: there is no such file"));
+        fs::write(&path, "PK").unwrap();
+        assert!(refused().contains("not a safetensors file"));
+        write(&path, &[("features.0.weight".to_owned(), vec![2, 3])]);
+        assert!(refused().contains("expected names like conv3_1.0.weight"));
+        write(&path, &[("conv1.0.weight".to_owned(), vec![64, 6, 7, 7])]);
+        assert!(refused().contains("trunk.conv1.weight is [64, 6, 7, 7] there and [1, 6, 7, 7] here"));
+    }
+
+    #[test]
+    fn a_run_begins_from_the_file_and_does_not_need_it_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("flownets.safetensors");
+        write(&path, &flownet_s("", 6));
+        let config = TrainConfig { pretrained: Some(path.clone()), ..tiny(Kind::Approach) };
+        let (device, run) = (Device::flex(), directory.path().join("run"));
+        let examples = squares(&config.task().unwrap(), 32);
+        let stop = AtomicBool::new(false);
+        let mut imports = 0;
+        for resume in [false, true] {
+            let run = Run { config: &config, directory: &run, device: &device, resume, stop: &stop };
+            let ended = fit(&run, &examples, &mut |news| match news {
+                Progress::Imported(imported) => imports += imported.matched.len(),
+                _ => stop.store(!resume, Ordering::Relaxed),
+            });
+            assert_eq!(ended.is_ok(), resume);
+            stop.store(false, Ordering::Relaxed);
+            let _ = fs::remove_file(&path);
+        }
+        assert_eq!(imports, 20);
+        let info = Checkpoint::load(&run.join("best"), &device).unwrap().info;
+        assert_eq!(info.pretrained_sha256.unwrap().len(), 64);
+    }
+}
