@@ -22,13 +22,14 @@ use world::config::CameraConfig;
 use crate::config::{Task, TrainConfig};
 use crate::error::{Error, Result};
 use crate::examples::{Examples, Source};
-use crate::fit::{EpochRecord, Place};
+use crate::history::EpochRecord;
 use crate::network::Network;
 use crate::normalization::Standardization;
+use crate::place::Place;
 use crate::publish::{self, at};
 
 /// Version of the directory's form.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const MODEL: &str = "model.json";
 const WEIGHTS: &str = "weights.safetensors";
 const CONFIG: &str = "config.toml";
@@ -57,6 +58,12 @@ pub struct ModelInfo {
     pub weights_sha256: String,
 }
 
+/// What every version of `model.json` says.
+#[derive(Deserialize)]
+struct Form {
+    format: u32,
+}
+
 /// A network that was read from a directory.
 #[derive(Debug)]
 pub struct Checkpoint {
@@ -71,11 +78,12 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Reads a checkpoint. Names the file that is missing, damaged, or of another form or architecture.
     pub fn load(directory: &Path, device: &Device) -> Result<Self> {
-        let info: ModelInfo = read_json(&directory.join(MODEL))?;
-        if info.format != FORMAT {
-            let problem = format!("it has format {}, and this program reads format {FORMAT}", info.format);
+        let Form { format } = read_json(&directory.join(MODEL))?;
+        if format != FORMAT {
+            let problem = format!("it has format {format}, and this program reads format {FORMAT}");
             return Err(Error::Checkpoint { path: directory.join(MODEL), problem });
         }
+        let info: ModelInfo = read_json(&directory.join(MODEL))?;
         let path = directory.join(WEIGHTS);
         verify(&path, &info.weights_sha256)?;
         let mut network = Network::new(&info.task, 0, device);
@@ -114,8 +122,16 @@ pub(crate) struct Contents<'a> {
     pub(crate) info: ModelInfo,
     pub(crate) config: &'a TrainConfig,
     pub(crate) network: &'a Network,
-    /// Only for resuming.
-    pub(crate) training: Option<(&'a ModuleOptimizer, &'a Place)>,
+    /// Only in `last`.
+    pub(crate) training: Option<Resumption<'a>>,
+}
+
+/// What a run is resumed from, beside the weights.
+pub(crate) struct Resumption<'a> {
+    pub(crate) optimizer: &'a ModuleOptimizer,
+    pub(crate) place: &'a Place,
+    /// How people call the device.
+    pub(crate) device: &'a str,
 }
 
 /// What `training.json` says.
@@ -123,6 +139,7 @@ pub(crate) struct Contents<'a> {
 #[serde(deny_unknown_fields)]
 struct TrainingState {
     place: Place,
+    device: String,
     optimizer_sha256: String,
 }
 
@@ -138,25 +155,26 @@ impl Contents<'_> {
         self.info.weights_sha256 = digest_of_file(&weights)?;
         write_json(&inside.join(MODEL), &self.info)?;
         write_config(&inside.join(CONFIG), self.config)?;
-        let Some((optimizer, place)) = self.training else { return Ok(()) };
+        let Some(Resumption { optimizer, place, device }) = self.training else { return Ok(()) };
         let moments = inside.join(OPTIMIZER);
         optimizer.save(&moments).map_err(|error| cannot_write(&moments, &error))?;
         let optimizer_sha256 = digest_of_file(&moments)?;
-        write_json(&inside.join(TRAINING), &TrainingState { place: place.clone(), optimizer_sha256 })
+        let state = TrainingState { place: place.clone(), device: device.to_owned(), optimizer_sha256 };
+        write_json(&inside.join(TRAINING), &state)
     }
 }
 
-/// Reads what only training needs: the optimizer with its moments, and where training stands.
+/// Reads what only training needs: the optimizer with its moments, where training stands, and the device's name.
 pub(crate) fn load_training(
     directory: &Path,
     optimizer: ModuleOptimizer,
-) -> Result<(ModuleOptimizer, Place)> {
+) -> Result<(ModuleOptimizer, Place, String)> {
     let state: TrainingState = read_json(&directory.join(TRAINING))?;
     let path = directory.join(OPTIMIZER);
     verify(&path, &state.optimizer_sha256)?;
     let loaded = optimizer.load(&path);
     let optimizer = loaded.map_err(|error| Error::Checkpoint { path, problem: error.to_string() })?;
-    Ok((optimizer, state.place))
+    Ok((optimizer, state.place, state.device))
 }
 
 /// The configuration that a checkpoint was trained with.

@@ -252,6 +252,22 @@ pub(crate) mod tests {
         examples
     }
 
+    /// Examples of [`squares`] as if they were of two datasets.
+    pub(crate) fn two_datasets(task: &Task, rows: [usize; 2]) -> Examples {
+        let mut examples = squares(task, rows[0] + rows[1]);
+        let source = |rows| Source { name: format!("squares {rows}"), digest: format!("{rows}"), rows };
+        examples.sources = rows.map(source).to_vec();
+        examples
+    }
+
+    impl Examples {
+        /// The same, seen by a camera of another field of view.
+        pub(crate) fn seen_at(mut self, fov_deg: f64) -> Self {
+            self.camera.horizontal_fov_deg = fov_deg;
+            self
+        }
+    }
+
     /// 32 x 24 pixels.
     fn square([left, top]: [usize; 2]) -> Vec<u8> {
         let inside = |i: usize| (left..left + 8).contains(&(i % 32)) && (top..top + 8).contains(&(i / 32));
