@@ -30,7 +30,7 @@ pub(crate) enum Command {
     Dataset(Dataset),
     /// Train a network.
     #[command(
-        after_help = "Example: flowservo train configs/train/approach.toml --out runs/approach --set optimizer.epochs=4"
+        after_help = "Example: flowservo train configs/train/approach.toml --out runs/approach --set phases.0.epochs=4"
     )]
     Train(Train),
     /// Run servo sessions and print Table 1.
@@ -64,7 +64,7 @@ pub(crate) struct Reproduce {
     /// Where to write; runs/PRESET by default.
     #[arg(long)]
     pub(crate) out: Option<PathBuf>,
-    /// Change one key of the preset, as training.approach.optimizer.epochs=3; may be repeated.
+    /// Change one key of the preset, as training.approach.phases.0.epochs=3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) overrides: Vec<String>,
     /// Where to train.

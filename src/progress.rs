@@ -1,7 +1,8 @@
 //! Progress for people: a bar with rate and remaining time on a terminal, a plain line now and then elsewhere.
 //! All of it goes to standard error; results go to standard output.
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
+use std::fmt;
 use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -34,10 +35,13 @@ impl Progress {
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(total);
             let template = format!(
-                "{{prefix:28}} {{bar:24}} {{human_pos}}/{{human_len}} {unit}, {{per_sec}}, {{eta}} left {{wide_msg}}"
+                "{{prefix}} {{wide_bar}} {{human_pos}}/{{human_len}} {unit}, {{rate}}, {{eta}} left{{msg}}"
             );
             if let Ok(style) = ProgressStyle::with_template(&template) {
-                bar.set_style(style);
+                bar.set_style(style.with_key("rate", |state: &ProgressState, text: &mut dyn fmt::Write| {
+                    // A bar has no one to tell of an error.
+                    let _ = write!(text, "{:.1}/s", state.per_sec());
+                }));
             }
             bar.set_prefix(name.to_owned());
             bar.enable_steady_tick(Duration::from_millis(250));
@@ -62,14 +66,15 @@ impl Progress {
     }
 
     fn show(&self, done: u64, message: &str) {
+        let Ok(mut plain) = self.plain.lock() else { return };
+        let before = *plain.before.get_or_insert(done.saturating_sub(1));
         if let Some(bar) = &self.bar {
             bar.set_position(done);
-            bar.set_message(message.to_owned());
+            // On a line of its own there is room for it.
+            bar.set_message(if message.is_empty() { String::new() } else { format!("\n  {message}") });
             return;
         }
         let total = self.total.load(Ordering::Relaxed);
-        let Ok(mut plain) = self.plain.lock() else { return };
-        let before = *plain.before.get_or_insert(done.saturating_sub(1));
         if done < plain.next || done >= total || plain.last.elapsed() < PLAIN_PAUSE {
             return;
         }
@@ -84,12 +89,29 @@ impl Progress {
     }
 
     /// Says how far a stage is whose size was not known at its start.
-    pub(crate) fn update_of(&self, done: u64, total: u64) {
+    pub(crate) fn update_of(&self, done: u64, total: u64, message: &str) {
+        self.set_total(total);
+        self.update(done, message);
+    }
+
+    /// Begins where another run stopped: what was done before counts for the bar, not for the rate.
+    pub(crate) fn begin_at(&self, done: u64, total: u64) {
+        self.set_total(total);
+        self.done.store(done, Ordering::Relaxed);
+        if let Ok(mut plain) = self.plain.lock() {
+            *plain = Plain { next: done + total.div_ceil(10), before: Some(done), ..*plain };
+        }
+        if let Some(bar) = &self.bar {
+            bar.set_position(done);
+            bar.reset_eta();
+        }
+    }
+
+    fn set_total(&self, total: u64) {
         self.total.store(total, Ordering::Relaxed);
         if let Some(bar) = &self.bar {
             bar.set_length(total);
         }
-        self.update(done, "");
     }
 
     /// One more step, from any thread.
@@ -117,7 +139,9 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
-        eprintln!("{}: {} {} in {seconds:.1} s", self.name, self.total.load(Ordering::Relaxed), self.unit);
+        let before = self.plain.lock().ok().and_then(|plain| plain.before).unwrap_or(0);
+        let done = self.done.load(Ordering::Relaxed) - before;
+        eprintln!("{}: {done} {} in {seconds:.1} s", self.name, self.unit);
         seconds
     }
 }

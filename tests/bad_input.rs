@@ -83,7 +83,7 @@ fn damaged_and_foreign_datasets() {
     folder.run(&dataset("--set seed=99")).fails(1, &["another configuration"]);
     let train = format!("train {} --data data --out run", config("train/approach.toml"));
     let tiny = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=2 \
-                --set validation=0.5 --set optimizer.epochs=1";
+                --set validation=0.5 --set phases.0.epochs=1";
     folder.run(&format!("{train} --set network.input=[64,48]")).fails(1, &["64", "32"]);
     let avoid =
         format!("train {} --data data --out run --set network.input=[32,24]", config("train/avoid.toml"));
@@ -105,8 +105,8 @@ fn a_loss_that_is_no_number() {
     let folder = Folder::new();
     folder.run(&dataset("--set count=8")).ok();
     let wild = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=2 \
-                --set validation=0.5 --set optimizer.epochs=400 --set optimizer.learning_rate=1.0 \
-                --set optimizer.warmup=0.0 --set optimizer.weight_decay=0.0";
+                --set validation=0.5 --set phases.0.epochs=400 --set phases.0.learning_rate=1.0 \
+                --set phases.0.warmup=0.0 --set optimizer.weight_decay=0.0";
     let train = format!("train {} --data data --out run {wild}", config("train/approach.toml"));
     folder.run(&train).fails(1, &["epoch", "batch", "learning_rate"]);
 }
@@ -119,7 +119,7 @@ fn models_that_are_none_or_another() {
     folder.write("empty/readme.txt", "no checkpoint");
     folder.run(&format!("{eval} --approach empty --avoid oracle")).fails(1, &["empty/model.json"]);
     let tiny = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=2 \
-                --set validation=0.5 --set optimizer.epochs=1";
+                --set validation=0.5 --set phases.0.epochs=1";
     folder.run(&dataset("")).ok();
     folder.run(&format!("train {} --data data --out run {tiny}", config("train/approach.toml"))).ok();
     let camera = "--set world.camera.width=32 --set world.camera.height=24";

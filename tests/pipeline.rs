@@ -69,7 +69,7 @@ fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
     let anew = reproduce(&anew, "");
     assert_eq!(measured(&anew.json()), measured(&results), "the same seed gives the same table");
 
-    let changed = reproduce(&folder, "--set training.plain.optimizer.learning_rate=5e-4");
+    let changed = reproduce(&folder, "--set training.plain.phases.0.learning_rate=5e-4");
     let told = changed.stderr();
     assert!(
         told.contains("training approach: finished before")
@@ -84,7 +84,7 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     let configs = repository().join("configs");
     let camera = "--set world.camera.width=32 --set world.camera.height=24";
     let tiny = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=4 \
-                --set validation=0.25 --set optimizer.epochs=2 --device cpu";
+                --set validation=0.25 --set phases.0.epochs=2 --device cpu";
     let dataset = configs.join("datasets/a.toml");
     folder.run(&format!("dataset generate {} --out a --set count=16 {camera}", dataset.display())).ok();
     let train = configs.join("train/approach.toml");

@@ -42,6 +42,26 @@ impl Folder {
         Run { arguments: arguments.to_owned(), output }
     }
 
+    /// Runs it and kills it (SIGKILL: it cannot tidy up) as soon as `now` holds. Says whether it lived that long.
+    #[cfg(unix)]
+    pub(crate) fn run_and_kill(&self, arguments: &str, mut now: impl FnMut() -> bool) -> bool {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_flowservo"))
+            .args(arguments.split_whitespace())
+            .current_dir(self.0.path())
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        while child.try_wait().unwrap().is_none() {
+            if now() {
+                child.kill().unwrap();
+                return child.wait().unwrap().code().is_none();
+            }
+            std::thread::sleep(std::time::Duration::from_micros(100));
+        }
+        false
+    }
+
     /// Runs it and presses Ctrl-C as soon as `begun` exists.
     #[cfg(unix)]
     pub(crate) fn run_until(&self, begun: &str, arguments: &str) -> Run {

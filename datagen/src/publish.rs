@@ -22,8 +22,8 @@ pub fn publish<E: From<Error>>(path: &Path, write: impl FnOnce(&mut File) -> Res
     Ok(sync_folder(folder)?)
 }
 
-/// Makes a rename durable; only Unix lets a folder be opened for that.
-fn sync_folder(folder: &Path) -> Result<()> {
+/// Makes the names in a folder durable; only Unix lets a folder be opened for that.
+pub fn sync_folder(folder: &Path) -> Result<()> {
     if cfg!(unix) {
         File::open(folder).and_then(|folder| folder.sync_all()).map_err(|source| io(folder, source))?;
     }

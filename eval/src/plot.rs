@@ -31,6 +31,8 @@ pub struct Chart {
     pub heading: String,
     /// What x shows.
     pub x_label: String,
+    /// What x covers besides the points.
+    pub x_range: Option<[f64; 2]>,
     /// Layout of y.
     pub scale: Scale,
     /// Lines.
@@ -43,6 +45,8 @@ const LEGEND: f64 = 26.0;
 const BELOW: f64 = 48.0;
 const LEFT: f64 = 58.0;
 const RIGHT: f64 = 14.0;
+/// Radius of the disc that shows a line of one point.
+const MARK: f64 = 3.5;
 
 impl Chart {
     /// Draws into an area.
@@ -62,7 +66,8 @@ impl Chart {
         );
         draw_legend(svg, [plot.x, area.y + 46.0], &self.series);
         let shown: Vec<Vec<[f64; 2]>> = self.series.iter().map(|s| self.transformed(&s.points)).collect();
-        let x_axis = Axis::new(shown.iter().flatten().map(|p| p[0]), [plot.x, plot.x + plot.width], true);
+        let x_values = shown.iter().flatten().map(|p| p[0]).chain(self.x_range.into_iter().flatten());
+        let x_axis = Axis::new(x_values, [plot.x, plot.x + plot.width], true);
         let y_range = [plot.y + plot.height, plot.y];
         let y_axis = match self.scale {
             Scale::Linear => Axis::new(shown.iter().flatten().map(|p| p[1]), y_range, false),
@@ -75,7 +80,7 @@ impl Chart {
             let points: Vec<[f64; 2]> = points.iter().map(|p| [x_axis.at(p[0]), y_axis.at(p[1])]).collect();
             svg.line(&points, &Stroke { color: series.color, width: 2.0, dashed: series.dashed });
             if let [only] = points.as_slice() {
-                svg.disc(*only, 3.5, series.color, series.color);
+                svg.disc(*only, MARK, series.color, series.color);
             }
         }
     }
@@ -89,8 +94,12 @@ impl Chart {
 /// Names the lines that have a name, side by side from a point on.
 pub(crate) fn draw_legend(svg: &mut Svg, [mut x, y]: [f64; 2], series: &[Series]) {
     for series in series.iter().filter(|s| !s.name.is_empty()) {
-        let stroke = Stroke { color: series.color, width: 2.5, dashed: series.dashed };
-        svg.line(&[[x, y - 5.0], [x + 24.0, y - 5.0]], &stroke);
+        if series.points.len() == 1 {
+            svg.disc([x + 12.0, y - 5.0], MARK, series.color, series.color);
+        } else {
+            let stroke = Stroke { color: series.color, width: 2.5, dashed: series.dashed };
+            svg.line(&[[x, y - 5.0], [x + 24.0, y - 5.0]], &stroke);
+        }
         svg.text([x + 30.0, y], &series.name, &TextStyle::TICK.anchored(Anchor::Start));
         // The width of the name is guessed: an SVG cannot be asked.
         x += 46.0 + 7.2 * series.name.chars().count() as f64;
@@ -144,15 +153,21 @@ impl Axis {
         Self { values, pixels, ticks }
     }
 
-    /// For decimal logarithms: ticks at 1, 2 and 5 times powers of ten, or at powers alone where there are many.
+    /// For decimal logarithms: ticks at 1, 2 and 5 times powers of ten, at powers alone where there are many, and at more
+    /// factors where there are few.
     fn of_logarithms(values: impl Iterator<Item = f64>, pixels: [f64; 2]) -> Self {
         let [low, high] = extremes(values);
-        let factors: &[f64] = if high - low < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+        let factors: &[f64] = match high - low {
+            ..0.5 => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0],
+            ..2.5 => &[1.0, 2.0, 5.0],
+            _ => &[1.0],
+        };
         let all: Vec<(f64, String)> = (low.floor() as i32..=high.ceil() as i32)
             .flat_map(|power| factors.iter().map(move |factor| (factor, power)))
             .map(|(factor, power)| {
                 let value = factor * 10f64.powi(power);
-                (value.log10(), format!("{value:.*}", usize::try_from(-power).unwrap_or(0)))
+                let decimals = i32::from(factor.fract() > 0.0) - power;
+                (value.log10(), format!("{value:.*}", usize::try_from(decimals).unwrap_or(0)))
             })
             .collect();
         let below = all.iter().rev().map(|t| t.0).find(|&t| t <= low).unwrap_or(low);
@@ -214,6 +229,10 @@ mod tests {
     fn logarithmic_ticks_name_the_values_not_their_logarithms() {
         let axis = Axis::of_logarithms([0.03f64.log10(), 1.3f64.log10()].into_iter(), [0.0, 1.0]);
         assert_eq!(labels(&axis), ["0.02", "0.05", "0.1", "0.2", "0.5", "1", "2"]);
+        let narrow = Axis::of_logarithms([11.0f64.log10(), 17.0f64.log10()].into_iter(), [0.0, 1.0]);
+        assert_eq!(labels(&narrow), ["10", "12", "15", "20"]);
+        let small = Axis::of_logarithms([0.11f64.log10(), 0.17f64.log10()].into_iter(), [0.0, 1.0]);
+        assert_eq!(labels(&small), ["0.1", "0.12", "0.15", "0.2"]);
         let wide = Axis::of_logarithms([-4.0, 1.0].into_iter(), [0.0, 1.0]);
         assert_eq!(labels(&wide), ["0.0001", "0.001", "0.01", "0.1", "1", "10"]);
     }
@@ -223,7 +242,13 @@ mod tests {
         for points in [vec![], vec![[1.0, f64::NAN]], vec![[1.0, 2.0]], vec![[0.0, 0.0], [1.0, 0.0]]] {
             for scale in [Scale::Linear, Scale::Logarithmic] {
                 let series = Series { name: "s".into(), color: INK, dashed: false, points: points.clone() };
-                let chart = Chart { heading: "h".into(), x_label: "x".into(), scale, series: vec![series] };
+                let chart = Chart {
+                    heading: "h".into(),
+                    x_label: "x".into(),
+                    x_range: None,
+                    scale,
+                    series: vec![series],
+                };
                 let mut svg = Svg::new(300.0, 200.0, "chart");
                 chart.draw(&mut svg, &Area { x: 0.0, y: 0.0, width: 300.0, height: 200.0 });
                 let text = svg.finish();

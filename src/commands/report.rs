@@ -1,19 +1,17 @@
 //! `report.html`: what `reproduce` made, on one page.
 
 use super::reproduce::{Reproduced, SystemConfig};
-use super::write_file;
+use super::{train, write_file};
 use ::eval::figures::Figure;
 use ::eval::figures::avoidance_maps::{AvoidanceExample, figure_6};
 use ::eval::figures::final_poses::figure_9;
 use ::eval::figures::pose_error::figure_8;
 use ::eval::figures::snapshots::{self, figure_7};
-use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
+use ::eval::figures::training_curves::training_curves;
 use ::eval::measures::System;
 use ::eval::paper::proposed_method;
 use ::eval::report::{Report, SessionGroup};
 use ::eval::trace::SessionRecord;
-use ::train::history;
-use ::train::metric::Metrics;
 use ::train::model::AvoidModel;
 use anyhow::Result;
 use burn::prelude::Device;
@@ -105,8 +103,7 @@ fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
         let mut curves = Vec::new();
         for (name, (folder, trained)) in &reproduced.trained {
             if reproduced.config.training[name].kind == kind {
-                let epochs = history::read(folder)?.iter().map(epoch).collect();
-                curves.push(TrainingCurve { name: name.clone(), epochs, losses: trained.losses.clone() });
+                curves.push(train::curve(name, folder, trained)?);
             }
         }
         if !curves.is_empty() {
@@ -114,19 +111,6 @@ fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
         }
     }
     Ok(drawn)
-}
-
-fn epoch(record: &::train::fit::EpochRecord) -> Epoch {
-    let (position_error_mm, orientation_error_deg) = match &record.validation {
-        Metrics::Approach(m) => (Some(m.position_error_mm), Some(m.orientation_error_deg)),
-        Metrics::Avoidance(_) => (None, None),
-    };
-    Epoch {
-        epoch: record.epoch,
-        validation_loss: record.validation.loss(),
-        position_error_mm,
-        orientation_error_deg,
-    }
 }
 
 /// What `CNN_avoid` says at the start of the first sessions with obstacles, beside the truth.

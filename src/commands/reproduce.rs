@@ -235,7 +235,7 @@ impl Reproduction<'_> {
                 datasets: used.iter().map(|(folder, _)| folder.clone()).collect(),
                 ..config.clone()
             };
-            let resume = folder.join("last").exists();
+            let resume = ::train::fit::can_resume(&folder);
             let name = format!("training {name}");
             let device = &self.device;
             let job = train::Job { name: &name, config: &config, out: &folder, device, resume };

@@ -6,20 +6,26 @@ use crate::config::Config;
 use crate::device::{self, Opened};
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
+use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
 use anyhow::{Context, Result};
 use registry::{Digest, Lineage, Provenance};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::{Instant, SystemTime};
 use train::checkpoint::ModelInfo;
 use train::config::TrainConfig;
 use train::examples::Examples;
-use train::fit::{self, EpochRecord, Run};
+use train::fit::{self, Run};
+use train::history::{self, EpochRecord};
+use train::journal::Gauge;
 use train::metric::Metrics;
 use train::pretrained::Imported;
 
 /// Name of the file beside a run's checkpoints that says how the run went. It is written last.
 pub(crate) const RESULT: &str = "result.json";
+/// Name of the file with its learning curves.
+const CURVES: &str = "curves.svg";
 
 /// What a run achieved, and how fast.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -30,7 +36,7 @@ pub(crate) struct Trained {
     pub(crate) device: String,
     /// Time that this run took, with reading the data.
     pub(crate) seconds: f64,
-    /// Examples that this run learned from, counted once an epoch.
+    /// Examples that this run learned from since it was started or resumed, counted once an epoch.
     pub(crate) samples: usize,
     /// Examples a second, without reading the data.
     pub(crate) samples_per_s: f64,
@@ -42,7 +48,7 @@ pub(crate) struct Trained {
     pub(crate) orientation_error_deg: Option<f64>,
     /// The best epoch.
     pub(crate) best: EpochRecord,
-    /// Mean loss of successive groups of batches of this run, at the epoch's fraction at which the group ends.
+    /// Mean training loss of successive groups of batches, at the epoch's fraction at which the group ends.
     pub(crate) losses: Vec<[f64; 2]>,
 }
 
@@ -63,7 +69,11 @@ pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()>
         resume: arguments.resume,
     };
     let trained = fit(&job, stop)?;
-    println!("{}: {}", trained.checkpoint.display(), in_words(&trained.best.validation));
+    println!("best epoch     {}: {}", trained.best.epoch, in_words(&trained.best.validation));
+    println!("checkpoint     {}", trained.checkpoint.display());
+    println!("metrics        {}", arguments.out.join("metrics.jsonl").display());
+    println!("curves         {}", arguments.out.join(CURVES).display());
+    println!("TensorBoard    tensorboard --logdir {}", arguments.out.join("tensorboard").display());
     print_json(json, &trained)
 }
 
@@ -86,51 +96,39 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     let Job { name, config, out, device, resume } = *job;
     let task = config.task()?;
     let loading = Progress::start(&format!("{name}: reading"), "examples", 0);
-    let examples =
-        Examples::load(&task, &config.datasets, &|done, total| loading.update_of(done as u64, total as u64))?;
+    let examples = Examples::load(&task, &config.datasets, &|done, total| {
+        loading.update_of(done as u64, total as u64, "")
+    })?;
     let reading_seconds = loading.finish();
     for (dataset, cache) in config.datasets.iter().zip(examples.caches()) {
         if !cache.starts_with(dataset) {
-            let cache = cache.display();
-            eprintln!(
-                "{name}: nothing can be written in {}; decoded images are in {cache}",
-                dataset.display()
-            );
+            let (dataset, cache) = (dataset.display(), cache.display());
+            eprintln!("{name}: nothing can be written in {dataset}; decoded images are in {cache}");
         }
     }
-    let total = config.optimizer.epochs * examples.len();
-    let progress = Progress::start(name, "examples", total as u64);
+    let progress = Progress::start(name, "examples", 0);
     progress.say(&format!("{name}: {} examples, on {}", examples.len(), device.name));
-    let run = Run { config, directory: out, device: &device.device, resume, stop: stop.flag() };
-    let mut samples = 0;
-    let mut losses = LossCurve::default();
-    let fitted = fit::fit(&run, &examples, &mut |news| match news {
-        fit::Progress::Step { epoch: [epoch, epochs], batch: [batch, batches], examples: step, loss } => {
-            samples += step;
-            let done = (epoch - 1) as f64 + batch as f64 / batches as f64;
-            losses.add(loss, done, (epochs * batches).div_ceil(LossCurve::GROUPS));
-            progress.update(
-                (done / epochs as f64 * total as f64) as u64,
-                &format!("epoch {epoch}/{epochs}, loss {loss:.4}"),
-            );
-        }
-        fit::Progress::Imported(imported) => {
-            for line in report(imported) {
-                progress.say(&format!("{name}: {line}"));
-            }
-        }
-        fit::Progress::Epoch(record) => progress.say(&format!(
-            "{name}: epoch {}, training loss {:.4}, validation {}",
-            record.epoch,
-            record.training_loss,
-            in_words(&record.validation)
-        )),
-    })?;
-    let seconds = progress.finish();
-    let (position_error_mm, orientation_error_deg) = match &fitted.best.validation {
-        Metrics::Approach(metrics) => (Some(metrics.position_error_mm), Some(metrics.orientation_error_deg)),
-        Metrics::Avoidance(_) => (None, None),
+    let started = Instant::now();
+    let run = Run {
+        config,
+        directory: out,
+        device: &device.device,
+        device_name: &device.name,
+        resume,
+        stop: stop.flag(),
+        gauge: &|| gauge(started),
     };
+    let mut shown = Shown {
+        name,
+        progress: &progress,
+        batch: config.optimizer.batch,
+        samples: 0,
+        validation: String::new(),
+    };
+    let fitted = fit::fit(&run, &examples, &mut |news| shown.news(news))?;
+    let samples = shown.samples;
+    let seconds = progress.finish();
+    let [position_error_mm, orientation_error_deg] = pose_errors(&fitted.best.validation);
     let trained = Trained {
         checkpoint: fitted.checkpoint,
         device: device.name.clone(),
@@ -141,8 +139,11 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
         position_error_mm,
         orientation_error_deg,
         best: fitted.best,
-        losses: losses.points,
+        losses: fitted.losses,
     };
+    let run_name = out.file_name().unwrap_or(out.as_os_str()).to_string_lossy();
+    let drawn = training_curves(name, &[curve(&run_name, out, &trained)?]);
+    write_file(&out.join(CURVES), drawn.svg)?;
     write_file(&out.join(RESULT), serde_json::to_string_pretty(&trained)?)?;
     Ok(trained)
 }
@@ -160,46 +161,108 @@ fn report(imported: &Imported) -> Vec<String> {
     };
     list("not in the file, initial weights", kept);
     let shapes = other_shape.iter();
-    let shapes = shapes.map(|other| format!("{} {:?} (there {:?})", other.parameter, other.ours, other.theirs));
+    let shapes =
+        shapes.map(|other| format!("{} {:?} (there {:?})", other.parameter, other.ours, other.theirs));
     list("other shape, initial weights", &shapes.collect::<Vec<_>>());
     list("in the file, but not used", unused);
     lines
 }
 
-/// The losses of a run, averaged over groups of batches.
-#[derive(Default)]
-struct LossCurve {
-    points: Vec<[f64; 2]>,
-    sum: f64,
-    batches: usize,
+/// What is seen of a run while it goes.
+struct Shown<'a> {
+    name: &'a str,
+    progress: &'a Progress,
+    batch: usize,
+    /// Examples learned from.
+    samples: usize,
+    /// How the last validation went.
+    validation: String,
 }
 
-impl LossCurve {
-    /// About so many groups a run.
-    const GROUPS: usize = 100;
-
-    /// One more batch, after which `epoch` epochs are done; `group` batches make a group.
-    fn add(&mut self, loss: f64, epoch: f64, group: usize) {
-        self.sum += loss;
-        self.batches += 1;
-        if self.batches == group {
-            self.points.push([epoch, self.sum / group as f64]);
-            (self.sum, self.batches) = (0.0, 0);
+impl Shown<'_> {
+    fn news(&mut self, news: fit::Progress) {
+        let Self { name, progress, batch, .. } = *self;
+        match news {
+            fit::Progress::Begun { epochs, steps, planned, other_device } => {
+                progress.begin_at((steps * batch) as u64, (planned * batch) as u64);
+                if steps > 0 {
+                    progress
+                        .say(&format!("{name}: resumed after {epochs} epochs, at step {steps} of {planned}"));
+                }
+                if let Some(other) = other_device {
+                    progress.say(&format!(
+                        "{name}: until now it was computed on {other}; on another device results agree, but not to the bit"
+                    ));
+                }
+            }
+            fit::Progress::Imported(imported) => {
+                report(imported).iter().for_each(|line| progress.say(&format!("{name}: {line}")));
+            }
+            fit::Progress::Step { epoch: [epoch, epochs], step: [step, steps], examples, loss } => {
+                self.samples += examples;
+                let message = format!("epoch {epoch}/{epochs}, loss {loss:.4}{}", self.validation);
+                progress.update_of((step * batch) as u64, (steps * batch) as u64, &message);
+            }
+            fit::Progress::Epoch(record) => {
+                self.validation = format!(", validation {}", error_in_words(&record.validation));
+                progress.say(&format!(
+                    "{name}: epoch {}, training loss {:.4}, validation {}",
+                    record.epoch,
+                    record.training_loss,
+                    in_words(&record.validation)
+                ));
+            }
         }
+    }
+}
+
+/// Reads the clock and the memory.
+#[expect(clippy::disallowed_methods, reason = "for the journal, on which no result depends")]
+fn gauge(started: Instant) -> Gauge {
+    let unix_time = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    Gauge {
+        seconds: started.elapsed().as_secs_f64(),
+        unix_time: unix_time.as_secs_f64(),
+        peak_memory_mb: peak_rss_mb(),
+    }
+}
+
+/// How a run went, to be drawn.
+pub(crate) fn curve(name: &str, run: &Path, trained: &Trained) -> Result<TrainingCurve> {
+    let epoch = |record: EpochRecord| {
+        let [position_error_mm, orientation_error_deg] = pose_errors(&record.validation);
+        Epoch {
+            epoch: record.epoch,
+            validation_loss: record.validation.loss(),
+            position_error_mm,
+            orientation_error_deg,
+        }
+    };
+    let epochs = history::read(run)?.into_iter().map(epoch).collect();
+    Ok(TrainingCurve { name: name.to_owned(), epochs, losses: trained.losses.clone() })
+}
+
+/// Position error in millimetres and orientation error in degrees; none for `CNN_avoid`.
+fn pose_errors(metrics: &Metrics) -> [Option<f64>; 2] {
+    match metrics {
+        Metrics::Approach(metrics) => [Some(metrics.position_error_mm), Some(metrics.orientation_error_deg)],
+        Metrics::Avoidance(_) => [None, None],
+    }
+}
+
+/// The error alone.
+fn error_in_words(metrics: &Metrics) -> String {
+    match metrics {
+        Metrics::Approach(m) => {
+            format!("{:.2} mm, {:.2} degrees", m.position_error_mm, m.orientation_error_deg)
+        }
+        Metrics::Avoidance(m) => format!("RMS error {:.3}, skill {:.2}", m.rms_error, m.skill),
     }
 }
 
 /// Validation metrics in a few words.
 pub(crate) fn in_words(metrics: &Metrics) -> String {
-    match metrics {
-        Metrics::Approach(m) => format!(
-            "loss {:.4}, {:.2} mm, {:.2} degrees",
-            m.loss, m.position_error_mm, m.orientation_error_deg
-        ),
-        Metrics::Avoidance(m) => {
-            format!("loss {:.4}, RMS error {:.3}, skill {:.2}", m.loss, m.rms_error, m.skill)
-        }
-    }
+    format!("loss {:.4}, {}", metrics.loss(), error_in_words(metrics))
 }
 
 /// Where a checkpoint comes from and how good it is, for the registry.

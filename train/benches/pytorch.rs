@@ -102,7 +102,8 @@ impl Subject {
         let device = device(&setup.device)?.autodiff();
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let [width, height] = setup.network.input;
-        let [current, goal] = [(); 2].map(|()| noise(&mut random, [setup.batch, height, width, 3], &device) * 2.0 - 1.0);
+        let [current, goal] =
+            [(); 2].map(|()| noise(&mut random, [setup.batch, height, width, 3], &device) * 2.0 - 1.0);
         let network = Network::Approach(setup.network.init(1, &device));
         Ok(Self {
             optimizer: AdamW::new(&network, WEIGHT_DECAY),

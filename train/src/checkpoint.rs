@@ -22,9 +22,10 @@ use crate::adamw::AdamW;
 use crate::config::{Task, TrainConfig};
 use crate::error::{Error, Result};
 use crate::examples::{Examples, Source};
-use crate::fit::{EpochRecord, Place};
+use crate::history::EpochRecord;
 use crate::network::Network;
 use crate::normalization::Standardization;
+use crate::place::Place;
 use crate::publish::{self, at};
 
 /// Version of the directory's form.
@@ -60,6 +61,12 @@ pub struct ModelInfo {
     pub weights_sha256: String,
 }
 
+/// What every version of `model.json` says.
+#[derive(Deserialize)]
+struct Form {
+    format: u32,
+}
+
 /// A network that was read from a directory.
 #[derive(Debug)]
 pub struct Checkpoint {
@@ -74,11 +81,12 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Reads a checkpoint. Names the file that is missing, damaged, or of another form or architecture.
     pub fn load(directory: &Path, device: &Device) -> Result<Self> {
-        let info: ModelInfo = read_json(&directory.join(MODEL))?;
-        if info.format != FORMAT {
-            let problem = format!("it has format {}, and this program reads format {FORMAT}", info.format);
+        let Form { format } = read_json(&directory.join(MODEL))?;
+        if format != FORMAT {
+            let problem = format!("it has format {format}, and this program reads format {FORMAT}");
             return Err(Error::Checkpoint { path: directory.join(MODEL), problem });
         }
+        let info: ModelInfo = read_json(&directory.join(MODEL))?;
         let path = directory.join(WEIGHTS);
         verify(&path, &info.weights_sha256)?;
         let mut network = Network::new(&info.task, 0, device);
@@ -118,8 +126,16 @@ pub(crate) struct Contents<'a> {
     pub(crate) info: ModelInfo,
     pub(crate) config: &'a TrainConfig,
     pub(crate) network: &'a Network,
-    /// Only for resuming.
-    pub(crate) training: Option<(&'a AdamW, &'a Place)>,
+    /// Only in `last`.
+    pub(crate) training: Option<Resumption<'a>>,
+}
+
+/// What a run is resumed from, beside the weights.
+pub(crate) struct Resumption<'a> {
+    pub(crate) optimizer: &'a AdamW,
+    pub(crate) place: &'a Place,
+    /// How people call the device.
+    pub(crate) device: &'a str,
 }
 
 /// What `training.json` says.
@@ -127,8 +143,7 @@ pub(crate) struct Contents<'a> {
 #[serde(deny_unknown_fields)]
 struct TrainingState {
     place: Place,
-    /// Steps that the optimizer took.
-    optimizer_steps: usize,
+    device: String,
     optimizer_sha256: String,
 }
 
@@ -144,30 +159,24 @@ impl Contents<'_> {
         self.info.weights_sha256 = digest_of_file(&weights)?;
         write_json(&inside.join(MODEL), &self.info)?;
         write_config(&inside.join(CONFIG), self.config)?;
-        let Some((optimizer, place)) = self.training else { return Ok(()) };
+        let Some(Resumption { optimizer, place, device }) = self.training else { return Ok(()) };
         let moments = inside.join(OPTIMIZER);
         optimizer.moments.save_into(&mut store(&moments)).map_err(|error| cannot_write(&moments, &error))?;
-        let state = TrainingState {
-            place: place.clone(),
-            optimizer_steps: optimizer.steps,
-            optimizer_sha256: digest_of_file(&moments)?,
-        };
+        let optimizer_sha256 = digest_of_file(&moments)?;
+        let state = TrainingState { place: place.clone(), device: device.to_owned(), optimizer_sha256 };
         write_json(&inside.join(TRAINING), &state)
     }
 }
 
-/// Reads what only training needs: the optimizer with its moments, and where training stands.
-pub(crate) fn load_training(
-    directory: &Path,
-    mut optimizer: AdamW,
-) -> Result<(AdamW, Place)> {
+/// Reads what only training needs: the optimizer with its moments, where training stands, and the device's name.
+pub(crate) fn load_training(directory: &Path, mut optimizer: AdamW) -> Result<(AdamW, Place, String)> {
     let state: TrainingState = read_json(&directory.join(TRAINING))?;
     let path = directory.join(OPTIMIZER);
     verify(&path, &state.optimizer_sha256)?;
     let loaded = optimizer.moments.load_from(&mut store(&path));
     loaded.map_err(|error| Error::Checkpoint { path, problem: error.to_string() })?;
-    optimizer.steps = state.optimizer_steps;
-    Ok((optimizer, state.place))
+    optimizer.steps = state.place.steps;
+    Ok((optimizer, state.place, state.device))
 }
 
 /// The configuration that a checkpoint was trained with.

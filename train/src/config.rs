@@ -1,5 +1,6 @@
 //! What a file of `configs/train/` says. It is complete: nothing has a default.
 
+use std::fmt::Debug;
 use std::path::PathBuf;
 
 use datagen::Kind;
@@ -16,20 +17,24 @@ use crate::net::{ApproachConfig, AvoidConfig, Symmetry, TrunkKind};
 pub struct TrainConfig {
     /// Which network is trained.
     pub kind: Kind,
-    /// Directories of the datasets; all of them are learned from together.
+    /// Directories of the datasets. Which of their examples are learned from, each phase says.
     pub datasets: Vec<PathBuf>,
     /// Decides the initial weights, the validation split and the order of the examples.
     pub seed: u64,
-    /// Share of each dataset that is held out for validation.
+    /// Share of each dataset that is held out. Every phase is validated on these parts of all datasets.
     pub validation: f64,
     /// Published weights of FlowNetS or FlowNetC to begin from (see [`pretrained`](crate::pretrained)); without it the
     /// initial weights are random.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
+    /// Steps between two checkpoints within an epoch. Nothing but the time lost to a crash depends on it.
+    pub checkpoint_steps: usize,
     /// The network.
     pub network: NetworkConfig,
     /// How it is fitted.
     pub optimizer: OptimizerConfig,
+    /// One after the other, each from where the one before ended.
+    pub phases: Vec<PhaseConfig>,
 }
 
 /// Architecture. The last two keys belong to `kind = "approach"` alone: there they are needed, elsewhere refused.
@@ -56,18 +61,31 @@ pub struct NetworkConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerConfig {
-    /// Passes over the training examples.
-    pub epochs: usize,
     /// Examples a step.
     pub batch: usize,
-    /// Peak of the learning rate.
-    pub learning_rate: f64,
-    /// Share of all steps before the peak.
-    pub warmup: f64,
     /// Decoupled weight decay a step, in units of the learning rate.
     pub weight_decay: f64,
     /// Gradients with a greater norm over all parameters are shortened to it.
     pub gradient_clip: f64,
+}
+
+/// A part of a run with its own choice of examples and its own cycle of the learning rate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhaseConfig {
+    /// Epochs, at most.
+    pub epochs: usize,
+    /// Peak of the learning rate.
+    pub learning_rate: f64,
+    /// Share of the phase's steps before the peak.
+    pub warmup: f64,
+    /// Proportion in which an epoch takes examples of the datasets, in their order; 0 leaves one out. Without it an
+    /// epoch takes every example of every dataset.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ratio: Option<Vec<u32>>,
+    /// The phase ends when its lowest validation loss is so many epochs old. Without it the phase takes all its epochs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub patience: Option<usize>,
 }
 
 /// What is learned, and by which network: a configuration whose keys fit together.
@@ -120,6 +138,12 @@ impl TrainConfig {
         require("datasets", !self.datasets.is_empty(), &"[]", "at least one directory")?;
         let share = self.validation;
         require("validation", share > 0.0 && share <= 0.5, &share, "a share above 0 and at most 0.5")?;
+        let steps = self.checkpoint_steps;
+        require("checkpoint_steps", steps > 0, &steps, "at least 1")?;
+        require("phases", !self.phases.is_empty(), &"[]", "at least one phase")?;
+        for (index, phase) in self.phases.iter().enumerate() {
+            phase.validate(index, self.datasets.len())?;
+        }
         let NetworkConfig { trunk, width, input, head, .. } = self.network;
         let task = match self.kind {
             Kind::Approach => {
@@ -138,10 +162,10 @@ impl TrainConfig {
     }
 
     /// The first key that another configuration has different, its value there and here. Where the datasets lie does
-    /// not count; what they are is decided by their digests.
+    /// not count, what they are is decided by their digests; how often state is saved changes no result.
     pub(crate) fn difference(&self, other: &Self) -> Option<[String; 3]> {
         let values = |config: &Self| {
-            let config = Self { datasets: Vec::new(), ..config.clone() };
+            let config = Self { datasets: Vec::new(), checkpoint_steps: 1, ..config.clone() };
             Value::try_from(config).expect("it was read from TOML")
         };
         difference("", &values(other), &values(self))
@@ -159,20 +183,44 @@ impl TrainConfig {
 
 impl OptimizerConfig {
     fn validate(&self) -> Result<()> {
-        let Self { epochs, batch, learning_rate, warmup, weight_decay, gradient_clip } = *self;
-        require("optimizer.epochs", (1..=100_000).contains(&epochs), &epochs, "1 to 100000")?;
+        let Self { batch, weight_decay, gradient_clip } = *self;
         require("optimizer.batch", (1..=65_536).contains(&batch), &batch, "1 to 65536")?;
-        let rate = learning_rate > 0.0 && learning_rate <= 1.0;
-        require("optimizer.learning_rate", rate, &learning_rate, "more than 0 and at most 1")?;
-        require("optimizer.warmup", (0.0..1.0).contains(&warmup), &warmup, "a share from 0 to less than 1")?;
         require("optimizer.weight_decay", (0.0..=1.0).contains(&weight_decay), &weight_decay, "0 to 1")?;
         let clip = gradient_clip > 0.0 && gradient_clip.is_finite();
         require("optimizer.gradient_clip", clip, &gradient_clip, "a norm above 0")
     }
 }
 
+impl PhaseConfig {
+    fn validate(&self, index: usize, datasets: usize) -> Result<()> {
+        let Self { epochs, learning_rate, warmup, ratio, patience } = self;
+        let require = |key, holds, value: &dyn Debug, expected| {
+            let value = format!("{value:?}");
+            if holds { Ok(()) } else { Err(Error::Phase { index, key, value, expected }) }
+        };
+        require("epochs", (1..=100_000).contains(epochs), epochs, "1 to 100000")?;
+        let rate = *learning_rate > 0.0 && *learning_rate <= 1.0;
+        require("learning_rate", rate, learning_rate, "more than 0 and at most 1")?;
+        require("warmup", (0.0..1.0).contains(warmup), warmup, "a share from 0 to less than 1")?;
+        if let Some(ratio) = ratio {
+            require("ratio", ratio.len() == datasets, ratio, "as many numbers as there are datasets")?;
+            require("ratio", ratio.iter().any(|&part| part > 0), ratio, "at least one number above 0")?;
+        }
+        if let Some(patience) = patience {
+            require("patience", *patience > 0, patience, "at least 1 epoch")?;
+        }
+        Ok(())
+    }
+}
+
 /// Key, first and second value of the first difference.
 fn difference(key: &str, first: &Value, second: &Value) -> Option<[String; 3]> {
+    if let (Value::Array(a), Value::Array(b)) = (first, second)
+        && a.len() == b.len()
+    {
+        let mut items = a.iter().zip(b).enumerate();
+        return items.find_map(|(index, (a, b))| difference(&format!("{key}.{index}"), a, b));
+    }
     let (Value::Table(a), Value::Table(b)) = (first, second) else {
         return (first != second).then(|| [key.to_owned(), first.to_string(), second.to_string()]);
     };
@@ -200,6 +248,7 @@ pub(crate) mod tests {
             seed: 7,
             validation: 0.25,
             pretrained: None,
+            checkpoint_steps: 4,
             network: NetworkConfig {
                 width: 0.02,
                 input: [32, 24],
@@ -208,21 +257,21 @@ pub(crate) mod tests {
                 symmetry: approach.then_some(Symmetry::Antisymmetric),
                 label: approach.then_some(LabelForm::Twist),
             },
-            optimizer: OptimizerConfig {
-                epochs: 4,
-                batch: 4,
-                learning_rate: 3e-3,
-                warmup: 0.1,
-                weight_decay: 0.01,
-                gradient_clip: 1.0,
-            },
+            optimizer: OptimizerConfig { batch: 4, weight_decay: 0.01, gradient_clip: 1.0 },
+            phases: vec![phase(4)],
         }
+    }
+
+    /// A phase of some epochs.
+    pub(crate) fn phase(epochs: usize) -> PhaseConfig {
+        PhaseConfig { epochs, learning_rate: 3e-3, warmup: 0.1, ratio: None, patience: None }
     }
 
     #[test]
     fn a_configuration_survives_its_text() {
         for kind in [Kind::Approach, Kind::Avoidance] {
-            let config = tiny(kind);
+            let mut config = tiny(kind);
+            config.phases.push(PhaseConfig { ratio: Some(vec![1]), patience: Some(3), ..phase(2) });
             let text = toml::to_string(&config).unwrap();
             assert_eq!(toml::from_str::<TrainConfig>(&text).unwrap(), config);
             assert_eq!(config.task().unwrap().kind(), kind);
@@ -239,10 +288,17 @@ pub(crate) mod tests {
             config.task().unwrap_err().to_string()
         };
         assert!(named(|c| c.validation = 0.0).starts_with("validation = 0:"));
+        assert!(named(|c| c.checkpoint_steps = 0).starts_with("checkpoint_steps = 0:"));
+        assert!(named(|c| c.optimizer.batch = 0).starts_with("optimizer.batch = 0:"));
+        assert!(named(|c| c.phases.clear()).starts_with("phases = []:"));
+        assert!(named(|c| c.phases[0].learning_rate = f64::NAN).starts_with("phases.0.learning_rate = NaN:"));
         assert!(
-            named(|c| c.optimizer.learning_rate = f64::NAN).starts_with("optimizer.learning_rate = NaN:")
+            named(|c| c.phases.push(PhaseConfig { epochs: 0, ..phase(1) }))
+                .starts_with("phases.1.epochs = 0:")
         );
-        assert!(named(|c| c.optimizer.epochs = 0).starts_with("optimizer.epochs = 0:"));
+        assert!(named(|c| c.phases[0].ratio = Some(vec![1, 1])).starts_with("phases.0.ratio = [1, 1]:"));
+        assert!(named(|c| c.phases[0].ratio = Some(vec![0])).starts_with("phases.0.ratio = [0]:"));
+        assert!(named(|c| c.phases[0].patience = Some(0)).starts_with("phases.0.patience = 0:"));
         assert!(named(|c| c.network.width = -1.0).starts_with("network.width = -1:"));
         assert!(named(|c| c.network.label = None).starts_with("network.label: missing"));
         assert!(named(|c| c.kind = Kind::Avoidance).starts_with("network.symmetry: given"));
@@ -253,7 +309,10 @@ pub(crate) mod tests {
         let ours = tiny(Kind::Approach);
         let mut other = ours.clone();
         other.datasets = vec!["elsewhere".into()];
+        other.checkpoint_steps += 1;
         assert_eq!(ours.difference(&other), None);
+        other.phases[0].epochs = 5;
+        assert_eq!(ours.difference(&other), Some(["phases.0.epochs", "5", "4"].map(str::to_owned)));
         other.optimizer.batch = 8;
         assert_eq!(ours.difference(&other), Some(["optimizer.batch", "8", "4"].map(str::to_owned)));
         other.network.trunk = TrunkKind::Definet;

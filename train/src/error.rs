@@ -20,6 +20,18 @@ pub enum Error {
         /// What it may say.
         expected: &'static str,
     },
+    /// A value of a phase that makes no training.
+    #[error("phases.{index}.{key} = {value}: expected {expected}")]
+    Phase {
+        /// Number of the phase, from 0.
+        index: usize,
+        /// Key of the phase.
+        key: &'static str,
+        /// What it says.
+        value: String,
+        /// What it may say.
+        expected: &'static str,
+    },
     /// A key that this kind of network needs, or that means nothing to it.
     #[error("network.{key}: {problem} for kind = \"{kind}\"")]
     KeyOfKind {
@@ -103,9 +115,11 @@ pub enum Error {
     /// Training diverged.
     #[error(
         "the loss is {loss} and the norm of the gradient {gradient_norm} in epoch {epoch}, batch {batch}, at learning \
-         rate {learning_rate:.3e}; {}; try a smaller optimizer.learning_rate", last_good(checkpoint.as_ref())
+         rate {learning_rate:.3e}; {}; try a smaller phases.{phase}.learning_rate", last_good(checkpoint.as_ref())
     )]
     NotFinite {
+        /// Number of the phase, from 0.
+        phase: usize,
         /// Epoch, from 1.
         epoch: usize,
         /// Batch within the epoch, from 1.
@@ -146,7 +160,7 @@ pub enum Error {
     },
     /// The run that is to be continued is another one.
     #[error(
-        "{} was trained with {key} = {was}, and this configuration says {is}: resume with the same configuration, or \
+        "{} was trained with {key} = {was}, and now it is {is}: resume with the same configuration and datasets, or \
          choose another directory", directory.display()
     )]
     OtherRun {
@@ -156,7 +170,7 @@ pub enum Error {
         key: String,
         /// In the run.
         was: String,
-        /// In this configuration.
+        /// Now.
         is: String,
     },
     /// A file of published weights that a network cannot begin from.

@@ -227,6 +227,35 @@ pub(crate) mod tests {
         examples
     }
 
+    /// Examples of [`squares`] as if they were of two datasets.
+    pub(crate) fn two_datasets(task: &Task, rows: [usize; 2]) -> Examples {
+        let mut examples = squares(task, rows[0] + rows[1]);
+        let whole_images = std::mem::take(&mut examples.images);
+        examples.sources.clear();
+        let mut index = 0..;
+        for rows in rows {
+            let each = examples.images_each();
+            let images = index.by_ref().take(rows).flat_map(|i| (0..each).map(move |which| (i, which)));
+            let pixels: Vec<u8> =
+                images.flat_map(|(i, which)| whole_images[0].image(i, which)).copied().collect();
+            examples.images.push(in_memory(&pixels, each, examples.input));
+            examples.sources.push(Source {
+                name: format!("squares {rows}"),
+                digest: format!("{rows}"),
+                rows,
+            });
+        }
+        examples
+    }
+
+    impl Examples {
+        /// The same, seen by a camera of another field of view.
+        pub(crate) fn seen_at(mut self, fov_deg: f64) -> Self {
+            self.camera.horizontal_fov_deg = fov_deg;
+            self
+        }
+    }
+
     /// 32 x 24 pixels.
     fn square([left, top]: [usize; 2]) -> Vec<u8> {
         let inside = |i: usize| (left..left + 8).contains(&(i % 32)) && (top..top + 8).contains(&(i / 32));

@@ -1,4 +1,4 @@
-//! The training loop: forward, loss, backward, clip, step; validation and a checkpoint after every epoch.
+//! The training loop: forward, loss, backward, clip, step; validation after every epoch, checkpoints within and after it.
 //!
 //! All it does is a function of the configuration, the examples and where it stands ([`Place`]). So a run that was
 //! stopped anywhere, or killed, continues to the same weights, on the CPU to the bit.
@@ -6,6 +6,7 @@
 //! ```text
 //! config.toml     the configuration
 //! metrics.jsonl   one line an epoch
+//! tensorboard/    the same and single steps, as TensorBoard's event files
 //! last/           checkpoint with the optimizer's state, from which to resume
 //! best/           checkpoint of the epoch with the lowest validation loss
 //! ```
@@ -15,26 +16,27 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use burn::module::Module;
 use burn::tensor::Device;
-use serde::{Deserialize, Serialize};
 
-use crate::adamw::{AdamW, Step};
+use crate::adamw::AdamW;
 use crate::batch::Images;
-use crate::checkpoint::{self, Checkpoint, Contents, ModelInfo};
+use crate::camera;
+use crate::checkpoint::{self, Checkpoint, Contents, ModelInfo, Resumption};
 use crate::config::{Task, TrainConfig};
 use crate::error::{Error, Result};
-use crate::examples::Examples;
-use crate::history;
+use crate::examples::{Examples, Source};
+use crate::history::EpochRecord;
+use crate::journal::{Gauge, Journal, Step};
 use crate::loss::mean_squared_error;
 use crate::metric::Metrics;
 use crate::network::Network;
+use crate::phase::Phase;
+use crate::place::Place;
 use crate::pretrained::{self, Imported};
 use crate::publish::{self, at};
-use crate::schedule::OneCycle;
 use crate::split::Split;
 use crate::targets::Targets;
 
 /// A training run.
-#[derive(Debug)]
 pub struct Run<'a> {
     /// What is done.
     pub config: &'a TrainConfig,
@@ -42,10 +44,14 @@ pub struct Run<'a> {
     pub directory: &'a Path,
     /// Where it is computed.
     pub device: &'a Device,
+    /// How people call the device.
+    pub device_name: &'a str,
     /// Continue the run in `directory` instead of starting one there.
     pub resume: bool,
     /// Looked at before every batch: if set, the state is saved and the run ends with [`Error::Interrupted`].
     pub stop: &'a AtomicBool,
+    /// The clock and the memory, for the journal alone.
+    pub gauge: &'a dyn Fn() -> Gauge,
 }
 
 /// News from a run.
@@ -53,12 +59,23 @@ pub struct Run<'a> {
 pub enum Progress<'a> {
     /// The network begins from published weights.
     Imported(&'a Imported),
+    /// The run begins, or goes on from a checkpoint.
+    Begun {
+        /// Complete epochs.
+        epochs: usize,
+        /// Steps taken.
+        steps: usize,
+        /// Steps of the whole run, if no phase ends early.
+        planned: usize,
+        /// The device of the steps before, if it is another one: only on one CPU are results the same to the bit.
+        other_device: Option<String>,
+    },
     /// A step was taken.
     Step {
-        /// Epoch, from 1, and number of epochs.
+        /// Epoch, from 1, and number of epochs, if no phase ends early.
         epoch: [usize; 2],
-        /// Batch within the epoch, from 1, and number of batches an epoch.
-        batch: [usize; 2],
+        /// Steps taken in the run, and number of steps, if no phase ends early.
+        step: [usize; 2],
         /// Examples of the batch.
         examples: usize,
         /// Loss of the batch before the step.
@@ -66,24 +83,6 @@ pub enum Progress<'a> {
     },
     /// An epoch is complete, and saved.
     Epoch(&'a EpochRecord),
-}
-
-/// A line of `metrics.jsonl`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct EpochRecord {
-    /// Epoch, from 1.
-    pub epoch: usize,
-    /// Steps since the start of the run.
-    pub steps: usize,
-    /// Learning rate of the last step.
-    pub learning_rate: f64,
-    /// Mean loss of the epoch's batches, each before its step.
-    pub training_loss: f64,
-    /// Greatest norm of a gradient in the epoch, before clipping.
-    pub gradient_norm: f64,
-    /// On the validation set, after the epoch.
-    #[serde(flatten)]
-    pub validation: Metrics,
 }
 
 /// A run that came to its end.
@@ -95,24 +94,8 @@ pub struct Fitted {
     pub best: EpochRecord,
     /// The last epoch.
     pub last: EpochRecord,
-}
-
-/// Where a run stands.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Place {
-    /// Complete epochs.
-    epoch: usize,
-    /// Steps taken in the epoch that is not complete.
-    batch: usize,
-    /// Sum of their losses.
-    loss_sum: f64,
-    /// Greatest norm of their gradients.
-    gradient_norm: f64,
-    /// The last complete epoch.
-    last: Option<EpochRecord>,
-    /// The complete epoch with the lowest validation loss.
-    best: Option<EpochRecord>,
+    /// Mean training loss of successive groups of batches, each behind the epochs that were done at the group's end.
+    pub losses: Vec<[f64; 2]>,
 }
 
 /// What a step changes.
@@ -124,28 +107,44 @@ struct State {
     pretrained: Option<String>,
 }
 
+/// Is there a run in this directory that can be continued?
+pub fn can_resume(directory: &Path) -> bool {
+    publish::recover(&last(directory)).is_ok() && last(directory).exists()
+}
+
 /// Trains a network, or continues to.
 pub fn fit(run: &Run, examples: &Examples, progress: &mut dyn FnMut(Progress)) -> Result<Fitted> {
     let task = run.config.task()?;
     let split = Split::new(run.config.seed, run.config.validation, &examples.ranges());
-    if split.training.is_empty() {
-        return Err(Error::TooFewExamples { found: examples.len(), needed: 1 + examples.sources().len() });
-    }
-    let targets = Targets::new(&task, examples, &split.training)?;
-    let batches = (split.training.len() / run.config.optimizer.batch).max(1);
-    let schedule = OneCycle::new(&run.config.optimizer, run.config.optimizer.epochs * batches);
-    let training = Training { run, task, examples, split, targets, batches, schedule };
-    let mut state = if run.resume { training.resumed()? } else { training.started(progress)? };
-    while state.place.epoch < run.config.optimizer.epochs {
-        state = training.epoch(state, progress)?;
+    let batch = run.config.optimizer.batch;
+    let phases: Result<_> = run.config.phases.iter().map(|phase| Phase::new(phase, batch, &split)).collect();
+    let phases: Vec<Phase> = phases?;
+    let targets = Targets::new(&task, examples, &split.learned())?;
+    let training = Training { run, task, examples, split, targets, phases };
+    let (mut state, other_device) =
+        if run.resume { training.resumed()? } else { (training.started(progress)?, None) };
+    let Place { epoch: epochs, steps, .. } = state.place;
+    progress(Progress::Begun {
+        epochs,
+        steps,
+        planned: state.place.planned(&training.phases)[0],
+        other_device,
+    });
+    let mut journal = Journal::open(run.directory, run.gauge, &state.place)?;
+    while let Some(phase) = training.phases.get(state.place.phase) {
+        state = training.epoch(state, phase, &mut journal, progress)?;
         if let Some(record) = &state.place.last {
             progress(Progress::Epoch(record));
         }
     }
-    let (Some(best), Some(last)) = (state.place.best, state.place.last) else {
+    let Place { best: Some(best), last: Some(last), losses, .. } = state.place else {
         unreachable!("a configuration has at least one epoch");
     };
-    Ok(Fitted { checkpoint: training.best(), best, last })
+    Ok(Fitted { checkpoint: training.best(), best, last, losses: losses.points })
+}
+
+fn last(directory: &Path) -> PathBuf {
+    directory.join("last")
 }
 
 /// What a step does not change.
@@ -155,14 +154,12 @@ struct Training<'a> {
     examples: &'a Examples,
     split: Split,
     targets: Targets<'a>,
-    /// Batches an epoch. What remains of the examples waits for another epoch's order.
-    batches: usize,
-    schedule: OneCycle,
+    phases: Vec<Phase>,
 }
 
 impl Training<'_> {
     fn last(&self) -> PathBuf {
-        self.run.directory.join("last")
+        last(self.run.directory)
     }
 
     fn best(&self) -> PathBuf {
@@ -175,8 +172,7 @@ impl Training<'_> {
 
     fn started(&self, progress: &mut dyn FnMut(Progress)) -> Result<State> {
         let Run { config, directory, .. } = *self.run;
-        publish::recover(&self.last())?;
-        if self.last().exists() {
+        if can_resume(directory) {
             return Err(Error::RunExists { directory: directory.to_owned() });
         }
         let mut network = Network::new(&self.task, config.seed, &self.device());
@@ -188,77 +184,97 @@ impl Training<'_> {
         }
         std::fs::create_dir_all(directory).map_err(at(directory))?;
         checkpoint::write_config(&directory.join("config.toml"), config)?;
-        history::keep(directory, 0)?;
         let optimizer = AdamW::new(&network, config.optimizer.weight_decay);
         Ok(State { network, optimizer, place: Place::default(), pretrained })
     }
 
-    fn resumed(&self) -> Result<State> {
-        let Run { config, directory, .. } = *self.run;
+    fn resumed(&self) -> Result<(State, Option<String>)> {
+        let directory = self.run.directory;
         publish::recover(&self.last())?;
         publish::recover(&self.best())?;
         if !self.last().exists() {
             return Err(Error::NothingToResume { directory: directory.to_owned() });
         }
         let checkpoint = Checkpoint::load(&self.last(), &self.device())?;
-        let other = config.difference(&checkpoint::load_config(&self.last())?).or_else(|| {
-            let (was, is) = (&checkpoint.info.datasets, self.examples.sources());
-            (was != is).then(|| ["datasets".to_owned(), format!("{was:?}"), format!("{is:?}")])
-        });
-        if let Some([key, was, is]) = other {
+        if let Some([key, was, is]) = self.difference(&checkpoint.info)? {
             return Err(Error::OtherRun { directory: directory.to_owned(), key, was, is });
         }
-        let optimizer = AdamW::new(&checkpoint.network, config.optimizer.weight_decay);
-        let (optimizer, place) = checkpoint::load_training(&self.last(), optimizer)?;
-        history::keep(directory, place.epoch)?;
+        let optimizer = AdamW::new(&checkpoint.network, self.run.config.optimizer.weight_decay);
+        let (optimizer, place, device) = checkpoint::load_training(&self.last(), optimizer)?;
+        let other_device = Some(device).filter(|name| name != self.run.device_name);
         let pretrained = checkpoint.info.pretrained_sha256;
-        Ok(State { network: checkpoint.network, optimizer, place, pretrained })
+        Ok((State { network: checkpoint.network, optimizer, place, pretrained }, other_device))
+    }
+
+    /// What keeps this run from being the one of a checkpoint: a key, its value there and here.
+    fn difference(&self, there: &ModelInfo) -> Result<Option<[String; 3]>> {
+        let config = self.run.config.difference(&checkpoint::load_config(&self.last())?);
+        let camera = || {
+            let (key, was, is) = camera::difference(&there.camera, self.examples.camera())?;
+            Some([format!("camera.{key}"), was.to_string(), is.to_string()])
+        };
+        let datasets = || {
+            let [was, is] = [&there.datasets, self.examples.sources()].map(|sources| {
+                let named = |source: &Source| format!("{} (digest {})", source.name, source.digest);
+                sources.iter().map(named).collect::<Vec<_>>().join(", ")
+            });
+            (was != is).then(|| ["datasets".to_owned(), was, is])
+        };
+        Ok(config.or_else(camera).or_else(datasets))
     }
 
     /// From wherever the state stands to the end of its epoch.
-    fn epoch(&self, mut state: State, progress: &mut dyn FnMut(Progress)) -> Result<State> {
+    fn epoch(
+        &self,
+        mut state: State,
+        phase: &Phase,
+        journal: &mut Journal,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<State> {
         let Run { config, stop, .. } = *self.run;
-        let order = self.split.order(config.seed, state.place.epoch);
-        let batches = order.chunks(config.optimizer.batch).take(self.batches);
+        let [steps, epochs] = state.place.planned(&self.phases);
+        let order = self.split.order(config.seed, state.place.epoch, &phase.counts);
+        let batches = order.chunks(config.optimizer.batch).take(phase.batches);
+        journal.begin_epoch();
         for indices in batches.skip(state.place.batch) {
             if stop.load(Ordering::Relaxed) {
                 return Err(self.interrupted(&state));
             }
-            let loss_before = state.place.loss_sum;
-            state = self.step(state, indices)?;
+            let step;
+            (state, step) = self.step(state, phase, indices)?;
+            let place = &mut state.place;
+            place.step(step.loss, step.gradient_norm);
+            let epochs_done = place.epoch as f64 + place.batch as f64 / phase.batches as f64;
+            place.losses.add(step.loss, epochs_done, steps);
+            journal.step(place, indices.len(), &step)?;
+            if place.steps.is_multiple_of(config.checkpoint_steps) && place.batch < phase.batches {
+                self.save_last(&state)?;
+            }
             progress(Progress::Step {
-                epoch: [state.place.epoch + 1, config.optimizer.epochs],
-                batch: [state.place.batch, self.batches],
+                epoch: [state.place.epoch + 1, epochs],
+                step: [state.place.steps, steps],
                 examples: indices.len(),
-                loss: state.place.loss_sum - loss_before,
+                loss: step.loss,
             });
         }
         match self.validated(&state.network) {
-            Some(metrics) => self.completed(state, metrics),
+            Some(metrics) => self.completed(state, phase, metrics, journal),
             None => Err(self.interrupted(&state)),
         }
     }
 
-    fn step(&self, state: State, indices: &[usize]) -> Result<State> {
-        let State { network, mut optimizer, mut place, pretrained } = state;
+    fn step(&self, state: State, phase: &Phase, indices: &[usize]) -> Result<(State, Step)> {
+        let State { network, mut optimizer, place, pretrained } = state;
         let device = self.device();
         let outputs = network.forward(Images::of(self.examples, indices, &device));
         let loss = mean_squared_error(outputs, self.targets.tensor(indices, &device));
-        let clip = self.run.config.optimizer.gradient_clip;
-        let Step { network, loss, gradient_norm: norm } =
-            optimizer.step(network, loss, self.rate(&place), clip);
-        if !(loss.is_finite() && norm.is_finite()) {
-            return Err(self.not_finite(&place, loss, norm));
+        let learning_rate = phase.rate(place.phase_steps(phase));
+        let taken = optimizer.step(network, loss, learning_rate, self.run.config.optimizer.gradient_clip);
+        let step = Step { loss: taken.loss, learning_rate, gradient_norm: taken.gradient_norm };
+        if !(step.loss.is_finite() && step.gradient_norm.is_finite()) {
+            return Err(self.not_finite(&place, phase, step));
         }
-        place.batch += 1;
-        place.loss_sum += loss;
-        place.gradient_norm = place.gradient_norm.max(norm);
-        Ok(State { network, optimizer, place, pretrained })
-    }
-
-    /// Learning rate of the next step.
-    fn rate(&self, place: &Place) -> f64 {
-        self.schedule.rate(place.epoch * self.batches + place.batch)
+        Ok((State { network: taken.network, optimizer, place, pretrained }, step))
     }
 
     /// What the network achieves on the examples held out; none if it was stopped meanwhile.
@@ -275,26 +291,31 @@ impl Training<'_> {
         Some(self.targets.metrics(&self.split.validation, &outputs))
     }
 
-    /// Closes an epoch: record, best, last, in this order, so that a crash between them repeats the epoch.
-    fn completed(&self, mut state: State, validation: Metrics) -> Result<State> {
-        let place = &state.place;
+    /// Closes an epoch: record, best, last, in this order, so that a crash between them repeats what is missing.
+    fn completed(
+        &self,
+        mut state: State,
+        phase: &Phase,
+        validation: Metrics,
+        journal: &mut Journal,
+    ) -> Result<State> {
+        let place = &mut state.place;
+        let learning_rate = phase.rate(place.phase_steps(phase) - 1);
         if !validation.loss().is_finite() {
-            return Err(self.not_finite(place, validation.loss(), place.gradient_norm));
+            let step = Step { loss: validation.loss(), learning_rate, gradient_norm: place.gradient_norm };
+            return Err(self.not_finite(place, phase, step));
         }
         let record = EpochRecord {
             epoch: place.epoch + 1,
-            steps: (place.epoch + 1) * self.batches,
-            learning_rate: self.schedule.rate((place.epoch + 1) * self.batches - 1),
-            training_loss: place.loss_sum / self.batches as f64,
+            phase: place.phase + 1,
+            steps: place.steps,
+            learning_rate,
+            training_loss: place.loss_sum / phase.batches as f64,
             gradient_norm: place.gradient_norm,
             validation,
         };
-        history::append(self.run.directory, &record)?;
-        let better = |best: &EpochRecord| record.validation.loss() < best.validation.loss();
-        let is_best = place.best.as_ref().is_none_or(better);
-        let best = if is_best { Some(record.clone()) } else { place.best.clone() };
-        state.place = Place { epoch: record.epoch, last: Some(record), best, ..Place::default() };
-        if is_best {
+        journal.complete_epoch(&record)?;
+        if place.complete(record, phase) {
             self.contents(&state).save(&self.best())?;
         }
         self.save_last(&state)?;
@@ -309,46 +330,60 @@ impl Training<'_> {
     }
 
     fn save_last(&self, state: &State) -> Result<()> {
-        let training = Some((&state.optimizer, &state.place));
+        let device = self.run.device_name;
+        let training = Some(Resumption { optimizer: &state.optimizer, place: &state.place, device });
         Contents { training, ..self.contents(state) }.save(&self.last())
     }
 
     fn interrupted(&self, state: &State) -> Error {
-        let (epoch, epochs) = (state.place.epoch + 1, self.run.config.optimizer.epochs);
+        let [_, epochs] = state.place.planned(&self.phases);
         match self.save_last(state) {
-            Ok(()) => Error::Interrupted { epoch, epochs, checkpoint: self.last() },
+            Ok(()) => Error::Interrupted { epoch: state.place.epoch + 1, epochs, checkpoint: self.last() },
             Err(error) => error,
         }
     }
 
-    fn not_finite(&self, place: &Place, loss: f64, gradient_norm: f64) -> Error {
+    fn not_finite(&self, place: &Place, phase: &Phase, step: Step) -> Error {
         Error::NotFinite {
+            phase: place.phase,
             epoch: place.epoch + 1,
-            batch: (place.batch + 1).min(self.batches),
-            learning_rate: self.rate(place),
-            loss,
-            gradient_norm,
+            batch: (place.batch + 1).min(phase.batches),
+            learning_rate: step.learning_rate,
+            loss: step.loss,
+            gradient_norm: step.gradient_norm,
             checkpoint: Some(self.last()).filter(|last| last.exists()),
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::fs;
 
     use datagen::Kind;
 
     use super::*;
-    use crate::config::tests::tiny;
-    use crate::examples::tests::squares;
+    use crate::config::PhaseConfig;
+    use crate::config::tests::{phase, tiny};
+    use crate::examples::tests::{squares, two_datasets};
+    use crate::history;
+
+    /// A run from its start, for which the clock stands still.
+    pub(crate) fn still<'a>(
+        config: &'a TrainConfig,
+        directory: &'a Path,
+        device: &'a Device,
+        stop: &'a AtomicBool,
+    ) -> Run<'a> {
+        Run { config, directory, device, device_name: "CPU", resume: false, stop, gauge: &Gauge::default }
+    }
 
     /// Runs a configuration in a directory, and stops it before step `stop_at`, counted from the start of this call.
     fn run(config: &TrainConfig, directory: &Path, resume: bool, stop_at: Option<usize>) -> Result<Fitted> {
         let (device, stop) = (Device::flex(), AtomicBool::new(stop_at == Some(0)));
         let examples = squares(&config.task()?, 32);
         let mut steps = 0;
-        let run = Run { config, directory, device: &device, resume, stop: &stop };
+        let run = Run { resume, ..still(config, directory, &device, &stop) };
         fit(&run, &examples, &mut |progress| {
             steps += usize::from(matches!(progress, Progress::Step { .. }));
             stop.store(Some(steps) == stop_at, Ordering::Relaxed);
@@ -367,7 +402,7 @@ mod tests {
         for kind in [Kind::Approach, Kind::Avoidance] {
             let directory = tempfile::tempdir().unwrap();
             let mut config = tiny(kind);
-            config.optimizer.epochs = 20;
+            config.phases = vec![phase(20)];
             let fitted = run(&config, directory.path(), false, None).unwrap();
             let history = history::read(directory.path()).unwrap();
             assert_eq!(history.len(), 20);
@@ -383,7 +418,7 @@ mod tests {
     fn the_same_seed_gives_the_same_run_and_another_seed_another() {
         let directories: [_; 3] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
         let mut config = tiny(Kind::Approach);
-        config.optimizer.epochs = 2;
+        config.phases = vec![phase(2)];
         run(&config, directories[0].path(), false, None).unwrap();
         run(&config, directories[1].path(), false, None).unwrap();
         config.seed += 1;
@@ -432,15 +467,15 @@ mod tests {
     fn a_run_is_neither_overwritten_nor_confused_with_another() {
         let directory = tempfile::tempdir().unwrap();
         let mut config = tiny(Kind::Avoidance);
-        config.optimizer.epochs = 1;
+        config.phases = vec![phase(1)];
         let nothing = run(&config, directory.path(), true, None).unwrap_err();
         assert!(matches!(nothing, Error::NothingToResume { .. }));
         run(&config, directory.path(), false, None).unwrap();
         assert!(matches!(run(&config, directory.path(), false, None), Err(Error::RunExists { .. })));
-        config.optimizer.learning_rate = 0.01;
+        config.phases[0].learning_rate = 0.01;
         let other = run(&config, directory.path(), true, None).unwrap_err();
-        assert!(matches!(&other, Error::OtherRun { key, .. } if key == "optimizer.learning_rate"), "{other}");
-        config.optimizer.learning_rate = tiny(Kind::Avoidance).optimizer.learning_rate;
+        assert!(matches!(&other, Error::OtherRun { key, .. } if key == "phases.0.learning_rate"), "{other}");
+        config.phases = vec![phase(1)];
         fs::write(directory.path().join("last/optimizer.safetensors"), "damaged").unwrap();
         let damaged = run(&config, directory.path(), true, None).unwrap_err();
         assert!(
@@ -454,12 +489,112 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let mut config = tiny(Kind::Approach);
         // Decay by the whole weight and steps of size one blow the network up.
-        config.optimizer =
-            crate::config::OptimizerConfig { learning_rate: 1.0, warmup: 0.0, ..config.optimizer };
-        config.optimizer.epochs = 400;
+        config.phases = vec![PhaseConfig { learning_rate: 1.0, warmup: 0.0, ..phase(400) }];
         let error = run(&config, directory.path(), false, None).unwrap_err();
         assert!(matches!(error, Error::NotFinite { .. }), "{error}");
-        assert!(error.to_string().contains("optimizer.learning_rate"), "{error}");
+        assert!(error.to_string().contains("phases.0.learning_rate"), "{error}");
+    }
+
+    #[test]
+    fn phases_take_their_ratio_and_end_with_their_patience() {
+        let directories: [_; 2] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let mut config = tiny(Kind::Approach);
+        config.datasets = vec!["a".into(), "b".into()];
+        // Nothing is learned at such a rate: the second epoch and the third are in vain.
+        let idle = PhaseConfig { learning_rate: 1e-30, patience: Some(2), ..phase(10) };
+        config.phases = vec![idle, PhaseConfig { ratio: Some(vec![1, 0]), ..phase(2) }];
+        let task = config.task().unwrap();
+        let examples = two_datasets(&task, [32, 16]);
+        let (device, stop) = (Device::flex(), AtomicBool::new(false));
+        let mut planned = Vec::new();
+        let mut fit_in = |directory: &Path, resume, stop_at| {
+            stop.store(false, Ordering::Relaxed);
+            let run = Run { resume, ..still(&config, directory, &device, &stop) };
+            fit(&run, &examples, &mut |progress| {
+                if let Progress::Step { step, .. } = progress {
+                    stop.store(Some(step[0]) == stop_at, Ordering::Relaxed);
+                    planned.push(step);
+                }
+            })
+        };
+        let whole = directories[0].path();
+        let fitted = fit_in(whole, false, None).unwrap();
+        // 24 and 12 training examples are 9 steps an epoch, 24 alone are 6.
+        let epochs: Vec<_> = history::read(whole).unwrap().iter().map(|e| (e.phase, e.steps)).collect();
+        assert_eq!(epochs, [(1, 9), (1, 18), (1, 27), (2, 33), (2, 39)]);
+        assert_eq!(fitted.last.epoch, 5);
+        // Stopped within the epoch that decides about the phase, and in the second phase.
+        fit_in(directories[1].path(), false, Some(22)).unwrap_err();
+        fit_in(directories[1].path(), true, Some(31)).unwrap_err();
+        fit_in(directories[1].path(), true, None).unwrap();
+        assert_eq!(left(whole), left(directories[1].path()));
+        assert_eq!((planned[0], planned[38]), ([1, 10 * 9 + 2 * 6], [39, 39]));
+    }
+
+    #[test]
+    fn what_is_resumed_must_be_the_same_data() {
+        let directory = tempfile::tempdir().unwrap();
+        let config = TrainConfig { phases: vec![phase(1)], ..tiny(Kind::Approach) };
+        let task = config.task().unwrap();
+        let (device, stop) = (Device::flex(), AtomicBool::new(false));
+        fit(&still(&config, directory.path(), &device, &stop), &squares(&task, 32), &mut |_| ()).unwrap();
+        let resumed = |config: &TrainConfig, examples: &Examples, device_name| {
+            let run = still(config, directory.path(), &device, &stop);
+            let mut other = None;
+            let fitted = fit(&Run { resume: true, device_name, ..run }, examples, &mut |progress| {
+                if let Progress::Begun { other_device, .. } = progress {
+                    other = other_device;
+                }
+            });
+            fitted.map(|_| other).map_err(|error| error.to_string())
+        };
+        let digest = resumed(&config, &squares(&task, 36), "CPU").unwrap_err();
+        assert!(
+            digest.contains("datasets = squares (digest 32)") && digest.contains("squares (digest 36)"),
+            "{digest}"
+        );
+        let camera = resumed(&config, &squares(&task, 32).seen_at(75.0), "CPU").unwrap_err();
+        assert!(camera.contains("camera.horizontal_fov_deg = 60, and now it is 75"), "{camera}");
+        let mut other = config.clone();
+        other.network.label = Some(world::LabelForm::Difference);
+        let label = resumed(&other, &squares(&task, 32), "CPU").unwrap_err();
+        assert!(label.contains("network.label = \"twist\", and now it is \"difference\""), "{label}");
+        // Another device is no reason to refuse, but to say so.
+        assert_eq!(resumed(&config, &squares(&task, 32), "CPU"), Ok(None));
+        assert_eq!(resumed(&config, &squares(&task, 32), "GPU"), Ok(Some("CPU".to_owned())));
+    }
+
+    #[test]
+    fn a_line_of_metrics_says_it_all() {
+        let directory = tempfile::tempdir().unwrap();
+        let config = TrainConfig { phases: vec![phase(1)], ..tiny(Kind::Approach) };
+        let (device, stop) = (Device::flex(), AtomicBool::new(false));
+        let seconds = std::cell::Cell::new(0.0);
+        let gauge = || {
+            seconds.set(seconds.get() + 0.5);
+            Gauge { seconds: seconds.get(), unix_time: 1.5e9, peak_memory_mb: Some(123.0) }
+        };
+        let run = Run { gauge: &gauge, ..still(&config, directory.path(), &device, &stop) };
+        fit(&run, &squares(&config.task().unwrap(), 32), &mut |_| ()).unwrap();
+        let text = fs::read_to_string(directory.path().join("metrics.jsonl")).unwrap();
+        let line: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let axes =
+            ["x_mm", "y_mm", "z_mm", "phi_deg", "theta_deg", "psi_deg"].map(|axis| format!("error_{axis}"));
+        let further = [
+            "validation_loss",
+            "position_error_mm",
+            "orientation_error_deg",
+            "training_loss",
+            "learning_rate",
+        ];
+        for key in axes.iter().map(String::as_str).chain(further) {
+            assert!(line[key].is_f64(), "{key} in {text}");
+        }
+        // Six steps of four examples, each half a second of this clock.
+        assert_eq!([&line["samples_per_s"], &line["peak_memory_mb"], &line["seconds"]], [8.0, 123.0, 4.0]);
+        assert_eq!([&line["epoch"], &line["phase"], &line["steps"]], [1, 1, 6]);
+        let model = fs::read_to_string(directory.path().join("best/model.json")).unwrap();
+        assert!(!model.contains("samples_per_s"), "checkpoints say what is the same in every run");
     }
 
     #[test]
@@ -467,8 +602,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let config = tiny(Kind::Approach);
         let (device, stop) = (Device::flex(), AtomicBool::new(false));
-        let run =
-            Run { config: &config, directory: directory.path(), device: &device, resume: false, stop: &stop };
+        let run = still(&config, directory.path(), &device, &stop);
         let error = fit(&run, &squares(&config.task().unwrap(), 1), &mut |_| ()).unwrap_err();
         assert!(matches!(error, Error::TooFewExamples { found: 1, needed: 2 }), "{error}");
     }

@@ -35,14 +35,36 @@ pub struct ApproachMetrics {
     /// Mean squared error of the standardized components.
     #[serde(rename = "validation_loss")]
     pub loss: f64,
-    /// Mean absolute error along x, y, z.
-    pub mean_error_mm: [f64; 3],
-    /// Mean absolute error about x, y, z.
-    pub mean_error_deg: [f64; 3],
-    /// The paper's norm of means: of the three numbers in `mean_error_mm` (as in Table 1).
+    /// The paper's norm of means: of the mean absolute errors of x, y, z (as in Table 1).
     pub position_error_mm: f64,
-    /// The paper's norm of means: of the three numbers in `mean_error_deg`.
+    /// The paper's norm of means: of the mean absolute errors of phi, theta, psi.
     pub orientation_error_deg: f64,
+    /// Mean absolute error of each component.
+    #[serde(flatten)]
+    pub axes: AxisErrors,
+}
+
+/// A mean absolute error for each component of a pose change, as the paper names them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AxisErrors {
+    /// Along x.
+    #[serde(rename = "error_x_mm")]
+    pub x_mm: f64,
+    /// Along y.
+    #[serde(rename = "error_y_mm")]
+    pub y_mm: f64,
+    /// Along z.
+    #[serde(rename = "error_z_mm")]
+    pub z_mm: f64,
+    /// About x.
+    #[serde(rename = "error_phi_deg")]
+    pub phi_deg: f64,
+    /// About y.
+    #[serde(rename = "error_theta_deg")]
+    pub theta_deg: f64,
+    /// About z.
+    #[serde(rename = "error_psi_deg")]
+    pub psi_deg: f64,
 }
 
 impl ApproachMetrics {
@@ -63,14 +85,13 @@ impl ApproachMetrics {
             }
         }
         let count = labels.len() as f64;
-        let mean_error_mm = [0, 1, 2].map(|axis| to_mm(errors[axis] / count));
-        let mean_error_deg = [3, 4, 5].map(|axis| to_deg(errors[axis] / count));
+        let [x_mm, y_mm, z_mm] = [0, 1, 2].map(|axis| to_mm(errors[axis] / count));
+        let [phi_deg, theta_deg, psi_deg] = [3, 4, 5].map(|axis| to_deg(errors[axis] / count));
         Self {
             loss: squares / (6.0 * count),
-            position_error_mm: norm(mean_error_mm),
-            orientation_error_deg: norm(mean_error_deg),
-            mean_error_mm,
-            mean_error_deg,
+            position_error_mm: norm([x_mm, y_mm, z_mm]),
+            orientation_error_deg: norm([phi_deg, theta_deg, psi_deg]),
+            axes: AxisErrors { x_mm, y_mm, z_mm, phi_deg, theta_deg, psi_deg },
         }
     }
 }
@@ -131,9 +152,10 @@ mod tests {
         // Off by 1 and 5 mm in x, 4 and 4 mm in z (in opposite directions); by 0.02 rad once in psi.
         let predicted = [[1.1, 0.0, 0.4, 1.0, 0.0, 0.0], [-0.5, 0.0, -0.4, 0.0, 0.0, 0.2]];
         let metrics = ApproachMetrics::new(&predicted, &labels, &standardization);
-        assert_relative_eq!(metrics.mean_error_mm[0], 3.0, epsilon = 1e-5);
-        assert_relative_eq!(metrics.mean_error_mm[1], 0.0);
-        assert_relative_eq!(metrics.mean_error_mm[2], 4.0, epsilon = 1e-5);
+        assert_relative_eq!(metrics.axes.x_mm, 3.0, epsilon = 1e-5);
+        assert_relative_eq!(metrics.axes.y_mm, 0.0);
+        assert_relative_eq!(metrics.axes.z_mm, 4.0, epsilon = 1e-5);
+        assert_relative_eq!(metrics.axes.psi_deg, 0.01_f64.to_degrees(), epsilon = 1e-5);
         assert_relative_eq!(metrics.position_error_mm, 5.0, epsilon = 1e-5);
         assert_relative_eq!(metrics.orientation_error_deg, 0.01_f64.to_degrees(), epsilon = 1e-5);
         let squares = 0.1 * 0.1 + 0.4 * 0.4 + 0.5 * 0.5 + 0.4 * 0.4 + 0.2 * 0.2;

@@ -146,18 +146,18 @@ mod tests {
     use tempfile::TempDir;
 
     use super::*;
-    use crate::config::tests::tiny;
+    use crate::config::tests::{phase, tiny};
     use crate::examples::tests::squares;
-    use crate::fit::{Run, fit};
+    use crate::fit::fit;
+    use crate::fit::tests::still;
 
     /// A checkpoint after one epoch.
     fn trained(kind: Kind) -> (TempDir, PathBuf) {
         let directory = tempfile::tempdir().unwrap();
         let mut config = tiny(kind);
-        config.optimizer.epochs = 1;
+        config.phases = vec![phase(1)];
         let (device, stop) = (Device::flex(), AtomicBool::new(false));
-        let run =
-            Run { config: &config, directory: directory.path(), device: &device, resume: false, stop: &stop };
+        let run = still(&config, directory.path(), &device, &stop);
         let fitted = fit(&run, &squares(&config.task().unwrap(), 16), &mut |_| ()).unwrap();
         (directory, fitted.checkpoint)
     }
@@ -195,7 +195,7 @@ mod tests {
         let task = tiny(Kind::Approach).task().unwrap();
         let examples = squares(&task, 16);
         let split = crate::split::Split::new(7, 0.25, &examples.ranges());
-        let targets = crate::targets::Targets::new(&task, &examples, &split.training).unwrap();
+        let targets = crate::targets::Targets::new(&task, &examples, &split.learned()).unwrap();
         let images = crate::batch::Images::of(&examples, &split.validation, &device);
         let outputs: Vec<f32> = best.network.forward(images).into_data().iter().collect();
         assert_eq!(targets.metrics(&split.validation, &outputs), best.info.epoch.unwrap().validation);
@@ -229,9 +229,9 @@ mod tests {
         let change = |from: &str, to: &str| fs::write(&model, text.replacen(from, to, 1)).unwrap();
         change("\"width\": 0.02", "\"width\": 0.04");
         let error = load().unwrap_err().to_string();
-        assert!(error.contains("weights.safetensors") && error.contains("trunk.layers.0.weight"), "{error}");
-        change("\"format\": 1", "\"format\": 2");
-        assert!(load().unwrap_err().to_string().contains("format 2"));
+        assert!(error.contains("weights.safetensors") && error.contains("trunk.conv1.weight"), "{error}");
+        change("\"format\": 2", "\"format\": 1");
+        assert!(load().unwrap_err().to_string().contains("format 1"));
         fs::write(&model, &text).unwrap();
         load().unwrap();
 

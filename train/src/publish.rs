@@ -4,6 +4,8 @@ use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use datagen::publish::sync_folder;
+
 use crate::error::{Error, Result};
 
 /// Turns an error of the file system into ours.
@@ -11,8 +13,9 @@ pub(crate) fn at(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
     |source| Error::Io { path: path.to_owned(), source }
 }
 
-/// Fills a directory beside `target` and renames it to `target`, replacing what was there. A crash leaves the former
-/// directory or the new one; in the moment between two renames the former is beside, where [`recover`] finds it.
+/// Fills a directory beside `target` and renames it to `target`, replacing what was there. A crash, also of the machine,
+/// leaves the former directory or the new one; in the moment between two renames the former is beside, where [`recover`]
+/// finds it.
 pub(crate) fn replace(target: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     recover(target)?;
     let (partial, previous) = (beside(target, "partial"), beside(target, "previous"));
@@ -23,11 +26,14 @@ pub(crate) fn replace(target: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> 
         let path = entry.map_err(at(&partial))?.path();
         File::open(&path).and_then(|file| file.sync_all()).map_err(at(&path))?;
     }
+    // The names of the files are on the disk before the directory gets its own name, and that before the former goes.
+    sync_folder(&partial)?;
     remove(&previous)?;
     if target.exists() {
         fs::rename(target, &previous).map_err(at(target))?;
     }
     fs::rename(&partial, target).map_err(at(target))?;
+    sync_folder(target.parent().unwrap_or(Path::new(".")))?;
     remove(&previous)
 }
 

@@ -1,6 +1,6 @@
 //! The one-cycle learning rate (Smith and Topin 2019): up to the peak, then down to nothing, both along a cosine.
 
-use crate::config::OptimizerConfig;
+use crate::config::PhaseConfig;
 
 /// The peak is this many times the first rate.
 const RISE: f64 = 25.0;
@@ -16,8 +16,8 @@ pub struct OneCycle {
 }
 
 impl OneCycle {
-    /// A cycle over `steps` steps.
-    pub fn new(config: &OptimizerConfig, steps: usize) -> Self {
+    /// A phase's cycle over its `steps` steps.
+    pub fn new(config: &PhaseConfig, steps: usize) -> Self {
         let last = steps.saturating_sub(1) as f64;
         Self { peak: config.learning_rate, peak_at: config.warmup * last, last }
     }
@@ -43,15 +43,12 @@ fn along_cosine(from: f64, to: f64, share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
-    use datagen::Kind;
 
     use super::*;
-    use crate::config::tests::tiny;
+    use crate::config::tests::phase;
 
     fn cycle(steps: usize) -> OneCycle {
-        let optimizer =
-            OptimizerConfig { learning_rate: 1e-3, warmup: 0.1, ..tiny(Kind::Approach).optimizer };
-        OneCycle::new(&optimizer, steps)
+        OneCycle::new(&PhaseConfig { learning_rate: 1e-3, warmup: 0.1, ..phase(1) }, steps)
     }
 
     #[test]

@@ -17,6 +17,7 @@ pub fn figure_8(record: &SessionRecord) -> Figure {
     let panel = |heading: &str, names: [&str; 3], first: usize, unit: fn(f64) -> f64| Chart {
         heading: heading.into(),
         x_label: "iteration".into(),
+        x_range: None,
         scale: Scale::Linear,
         series: (0..3)
             .map(|i| Series {

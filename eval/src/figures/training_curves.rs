@@ -2,7 +2,7 @@
 
 use super::{Figure, GAP, WIDTH};
 use crate::plot::{Chart, Scale, Series, draw_legend};
-use crate::svg::{Area, PALETTE, Svg};
+use crate::svg::{Area, MUTED, PALETTE, Svg};
 
 /// What a training run wrote about one epoch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,21 +31,21 @@ pub struct TrainingCurve {
 /// Panels for the loss and, where networks predict motions, for position and orientation error on the validation examples.
 pub fn training_curves(label: &str, curves: &[TrainingCurve]) -> Figure {
     const TOP: f64 = 34.0;
+    let epochs = curves.iter().map(|curve| curve.epochs.len()).max().unwrap_or(0);
     let loss = lines(curves, |e| Some(e.validation_loss));
-    let mut panels = vec![chart("Loss", [training_losses(curves), loss.clone()].concat())];
+    let mut panels = vec![chart("Loss", [training_losses(curves), loss].concat(), epochs)];
     for (heading, value) in [
         ("Position error [mm]", (|e| e.position_error_mm) as fn(&Epoch) -> Option<f64>),
         ("Orientation error [deg]", |e| e.orientation_error_deg),
     ] {
         let series = lines(curves, value);
         if series.iter().any(|s| !s.points.is_empty()) {
-            panels.push(chart(heading, series));
+            panels.push(chart(heading, series, epochs));
         }
     }
     let height = TOP + 300.0;
     let mut svg = Svg::new(WIDTH, height, "Training curves");
-    let named = loss.into_iter().zip(curves).map(|(line, curve)| Series { name: curve.name.clone(), ..line });
-    draw_legend(&mut svg, [4.0, 20.0], &named.collect::<Vec<_>>());
+    draw_legend(&mut svg, [4.0, 20.0], &legend(curves));
     let width = (WIDTH - GAP * (panels.len() as f64 - 1.0)) / panels.len() as f64;
     for (i, panel) in panels.iter().enumerate() {
         panel.draw(&mut svg, &Area { x: i as f64 * (width + GAP), y: TOP, width, height: height - TOP });
@@ -53,23 +53,48 @@ pub fn training_curves(label: &str, curves: &[TrainingCurve]) -> Figure {
     let names: Vec<&str> = curves.iter().map(|c| c.name.as_str()).collect();
     let caption = format!(
         "Training of {}. Loss: mean squared error of what the network puts out, solid on the validation examples, dashed on the \
-         training examples. Errors: means over the validation examples. Vertical axes are logarithmic. The paper shows no \
-         training curves.",
+         training examples. Errors: means over the validation examples. Discs: the epoch with the lowest validation loss, \
+         whose weights are used. Vertical axes are logarithmic. The paper shows no training curves.",
         names.join(", ")
     );
     Figure { label: label.into(), svg: svg.finish(), caption }
 }
 
-fn chart(heading: &str, series: Vec<Series>) -> Chart {
-    Chart { heading: heading.into(), x_label: "epoch".into(), scale: Scale::Logarithmic, series }
+fn chart(heading: &str, series: Vec<Series>, epochs: usize) -> Chart {
+    Chart {
+        heading: heading.into(),
+        x_label: "epoch".into(),
+        x_range: Some([0.0, epochs as f64]),
+        scale: Scale::Logarithmic,
+        series,
+    }
 }
 
-/// One nameless line a curve, in its color in every panel.
+/// A nameless line a curve, in its color in every panel, and a disc at its best epoch.
 fn lines(curves: &[TrainingCurve], value: fn(&Epoch) -> Option<f64>) -> Vec<Series> {
-    let points = |curve: &TrainingCurve| -> Vec<[f64; 2]> {
-        curve.epochs.iter().filter_map(|e| value(e).map(|v| [e.epoch as f64, v])).collect()
+    let point = |e: &Epoch| value(e).map(|v| [e.epoch as f64, v]);
+    let line = |(i, curve): (usize, &TrainingCurve)| {
+        let best = curve.epochs.iter().min_by(|a, b| a.validation_loss.total_cmp(&b.validation_loss));
+        [
+            series(i, false, curve.epochs.iter().filter_map(point).collect()),
+            series(i, false, best.and_then(point).into_iter().collect()),
+        ]
     };
-    curves.iter().enumerate().map(|(i, curve)| series(i, false, points(curve))).collect()
+    curves.iter().enumerate().flat_map(line).collect()
+}
+
+/// The networks by their colors, and what the kinds of lines mean.
+fn legend(curves: &[TrainingCurve]) -> Vec<Series> {
+    let named = |name: &str, series: Series| Series { name: name.into(), ..series };
+    let kind = |name, dashed, points| Series { name: String::from(name), color: MUTED, dashed, points };
+    let networks =
+        curves.iter().enumerate().map(|(i, curve)| named(&curve.name, series(i, false, Vec::new())));
+    let kinds = [
+        kind("validation", false, Vec::new()),
+        kind("training", true, Vec::new()),
+        kind("best epoch", false, vec![[0.0; 2]]),
+    ];
+    networks.chain(kinds).collect()
 }
 
 fn training_losses(curves: &[TrainingCurve]) -> Vec<Series> {
@@ -107,5 +132,7 @@ mod tests {
         assert_eq!(without.svg.matches(">epoch<").count(), 1);
         assert_balanced(&with.svg);
         assert!(with.svg.contains("a &lt;net&gt;"));
+        // The legend's disc and one a panel, at the last and lowest of the epochs.
+        assert_eq!(with.svg.matches("<circle").count(), 1 + 3);
     }
 }

@@ -164,7 +164,8 @@ impl Correlation {
         }
         let band = rows.div_ceil(image.div_ceil(WINDOW));
         let bands = move |image| {
-            let section = move |first| Section { images: image..image + 1, rows: first..(first + band).min(rows) };
+            let section =
+                move |first| Section { images: image..image + 1, rows: first..(first + band).min(rows) };
             (0..rows).step_by(band).map(section)
         };
         (0..batch).flat_map(bands).collect()
@@ -202,9 +203,7 @@ impl Correlation {
             for y in 0..section.rows.len() {
                 let from = (image * rows + y * self.stride) * columns;
                 let to = (image * height + self.first[0] + y * self.step) * width + self.first[1];
-                let place = |x| {
-                    [(from + x * self.stride) * self.source[2], (to + x * self.step) * channels]
-                };
+                let place = |x| [(from + x * self.stride) * self.source[2], (to + x * self.step) * channels];
                 places.extend((0..self.pixels[1]).map(place));
             }
         }
@@ -384,7 +383,9 @@ pub(super) fn input_gradient(g: &Geometry, weight: &[f32], gradient: &[f32]) -> 
             let pack = |columns: Range<usize>, width: usize, panel: &mut [f32]| {
                 for (to, [ky, kx]) in panel.chunks_exact_mut(out * width).zip(&taps) {
                     let from = &weight[(ky * g.kernel + kx) * channels * out..][..channels * out];
-                    for (i, from) in from.chunks_exact(out).skip(columns.start).take(columns.len()).enumerate() {
+                    for (i, from) in
+                        from.chunks_exact(out).skip(columns.start).take(columns.len()).enumerate()
+                    {
                         to[i..].iter_mut().step_by(width).zip(from).for_each(|(to, from)| *to = *from);
                     }
                 }
