@@ -151,7 +151,8 @@ fn report(imported: &Imported) -> Vec<String> {
     };
     list("not in the file, initial weights", kept);
     let shapes = other_shape.iter();
-    let shapes = shapes.map(|other| format!("{} {:?} (there {:?})", other.parameter, other.ours, other.theirs));
+    let shapes =
+        shapes.map(|other| format!("{} {:?} (there {:?})", other.parameter, other.ours, other.theirs));
     list("other shape, initial weights", &shapes.collect::<Vec<_>>());
     list("in the file, but not used", unused);
     lines

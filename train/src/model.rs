@@ -229,9 +229,9 @@ mod tests {
         let change = |from: &str, to: &str| fs::write(&model, text.replacen(from, to, 1)).unwrap();
         change("\"width\": 0.02", "\"width\": 0.04");
         let error = load().unwrap_err().to_string();
-        assert!(error.contains("weights.safetensors") && error.contains("trunk.layers.0.weight"), "{error}");
-        change("\"format\": 1", "\"format\": 2");
-        assert!(load().unwrap_err().to_string().contains("format 2"));
+        assert!(error.contains("weights.safetensors") && error.contains("trunk.conv1.weight"), "{error}");
+        change("\"format\": 2", "\"format\": 1");
+        assert!(load().unwrap_err().to_string().contains("format 1,"));
         fs::write(&model, &text).unwrap();
         load().unwrap();
 

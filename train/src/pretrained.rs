@@ -1,5 +1,5 @@
 //! Import of published weights: a safetensors file of FlowNetS or FlowNetC under the names of the public PyTorch code
-//! (`state_dict` of FlowNetPytorch or flownet2-pytorch).
+//! (`state_dict` of `FlowNetPytorch` or flownet2-pytorch).
 //!
 //! ```text
 //! theirs              ours
@@ -59,21 +59,31 @@ pub fn import(path: &Path, network: &mut Network, device: &Device) -> Result<Imp
     }
     let sha256 = digest_of_file(path)?;
     let (matched, kept) = (Vec::new(), Vec::new());
-    let mut imported =
-        Imported { path: path.to_owned(), sha256, matched, kept, unused: Vec::new(), other_shape: Vec::new() };
+    let mut imported = Imported {
+        path: path.to_owned(),
+        sha256,
+        matched,
+        kept,
+        unused: Vec::new(),
+        other_shape: Vec::new(),
+    };
     let parameters = network.collect(None, None, true);
     let mut store = SafetensorsStore::from_file(path);
     let tensors = store.get_all_tensors().map_err(|error| {
-        bad(format!("not a safetensors file ({error}); `safetensors.torch.save_file` makes one of a state_dict"))
+        bad(format!(
+            "not a safetensors file ({error}); `safetensors.torch.save_file` makes one of a state_dict"
+        ))
     })?;
     let mut converted = Vec::new();
     for (name, tensor) in tensors {
         let ours = our_name(name).filter(|ours| !imported.matched.contains(ours));
-        let Some(parameter) = parameters.iter().find(|parameter| Some(&parameter.name) == ours.as_ref()) else {
+        let Some(parameter) = parameters.iter().find(|parameter| Some(&parameter.name) == ours.as_ref())
+        else {
             imported.unused.push(name.clone());
             continue;
         };
-        let (parameter, ours, theirs) = (parameter.name.clone(), published(&parameter.shape), tensor.shape.to_vec());
+        let (parameter, ours, theirs) =
+            (parameter.name.clone(), published(&parameter.shape), tensor.shape.to_vec());
         if ours == theirs {
             let value = ours_of(tensor, parameter.clone(), device);
             converted.push(value.map_err(|error| bad(format!("{name}: {error}")))?);
@@ -188,7 +198,8 @@ mod tests {
         let mut tensors = vec![(format!("{prefix}predict_flow6.weight"), vec![2, 20, 3, 3])];
         for (i, layer) in layers.iter().enumerate() {
             let (outputs, kernel) = (channels[i + 1], kernels[i]);
-            tensors.push((format!("{prefix}conv{layer}.0.weight"), vec![outputs, channels[i], kernel, kernel]));
+            tensors
+                .push((format!("{prefix}conv{layer}.0.weight"), vec![outputs, channels[i], kernel, kernel]));
             tensors.push((format!("{prefix}conv{layer}.0.bias"), vec![outputs]));
         }
         tensors

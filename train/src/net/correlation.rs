@@ -7,7 +7,7 @@
 //! every place within reach of the band; what is wanted lies on diagonals of the product.
 //!
 //! Cost of that, an image with maps of `h x w` places and `c` channels: `h w (w / 2 + 20) min(h / 2 + 20, 30) c`
-//! multiplications, of which `441 h w c` are wanted (at 640 x 480 2.2 and 0.54 of the network's 20 thousand million), and
+//! multiplications, of which `441 h w c` are wanted (at 640 x 480 2.2 and 0.54 billion, of 20 in the network), and
 //! memory for the products of one band, 20 rows of `h`.
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
@@ -42,7 +42,10 @@ const BAND: usize = 10;
 /// - result: `[batch, height, width, 441]`
 pub(super) fn correlation(a: Tensor<4>, b: Tensor<4>) -> Tensor<4> {
     if a.device() == Device::flex() {
-        return Tensor::from_dispatch(<Dispatch as Correlation>::correlation(a.into_dispatch(), b.into_dispatch()));
+        return Tensor::from_dispatch(<Dispatch as Correlation>::correlation(
+            a.into_dispatch(),
+            b.into_dispatch(),
+        ));
     }
     composed(a, b)
 }
@@ -111,7 +114,8 @@ fn composed(a: Tensor<4>, b: Tensor<4>) -> Tensor<4> {
         diagonals(products).reshape([maps, band, columns, DISPLACEMENTS])
     });
     let maps = Tensor::cat(bands.collect(), 1);
-    let whole = maps.reshape([batch, STRIDE, STRIDE, rows, columns, DISPLACEMENTS]).permute([0, 3, 1, 4, 2, 5]);
+    let whole =
+        maps.reshape([batch, STRIDE, STRIDE, rows, columns, DISPLACEMENTS]).permute([0, 3, 1, 4, 2, 5]);
     let whole = whole.reshape([batch, rows * STRIDE, columns * STRIDE, DISPLACEMENTS]);
     whole.narrow(1, 0, height).narrow(2, 0, width)
 }
@@ -160,7 +164,8 @@ mod tests {
     /// As the definition reads.
     fn naive(a: &[f32], b: &[f32], [batch, height, width, channels]: [usize; 4]) -> Vec<f32> {
         let mut result = Vec::new();
-        let places = (0..batch * height * width).map(|p| [p / (height * width), p / width % height, p % width]);
+        let places =
+            (0..batch * height * width).map(|p| [p / (height * width), p / width % height, p % width]);
         for [image, y, x] in places {
             for displacement in 0..DISPLACEMENTS {
                 let there_y = (y + 2 * (displacement / 21)).wrapping_sub(20);
@@ -177,7 +182,8 @@ mod tests {
     #[test]
     fn agrees_with_its_definition() {
         // Smaller than the reach, wider than it, odd, and of several bands.
-        for shape in [[2, 6, 8, 3], [1, 3, 47, 2], [3, 1, 1, 4], [2, 45, 5, 1], [1, 40, 42, 2], [1, 4, 5, 37]] {
+        for shape in [[2, 6, 8, 3], [1, 3, 47, 2], [3, 1, 1, 4], [2, 45, 5, 1], [1, 40, 42, 2], [1, 4, 5, 37]]
+        {
             let (a, b) = (noise(shape, 1), noise(shape, 2));
             let expected = naive(&a, &b, shape);
             let [batch, height, width, _] = shape;

@@ -1,6 +1,8 @@
 //! The arithmetic of [`correlation`](super::correlation::correlation) on the CPU: the products that are wanted and no
 //! others, threads over rows. Every sum has its order from the sizes alone, so that results are bit-identical for any
 //! number of threads.
+// Only what is inlined into a closure that `Arch` dispatches is compiled for the machine's vectors.
+#![allow(clippy::inline_always)]
 
 use pulp::Arch;
 use rayon::prelude::*;
@@ -68,16 +70,11 @@ pub(super) fn gradient(shape: [usize; 4], side: Side, gradient: &[f32], other: &
 
 /// Of column `x` in row `row` of the whole batch: the displacements that stay inside, and the places to which they lead.
 #[inline(always)]
-fn partners(
-    [_, height, width, _]: [usize; 4],
-    row: usize,
-    x: usize,
-) -> impl Iterator<Item = (usize, usize)> {
+fn partners([_, height, width, _]: [usize; 4], row: usize, x: usize) -> impl Iterator<Item = (usize, usize)> {
     let (top, y) = (row - row % height, row % height);
     let columns = inside(x, width);
-    inside(y, height).flat_map(move |(i, y)| {
-        columns.clone().map(move |(j, x)| (i * SIDE + j, (top + y) * width + x))
-    })
+    inside(y, height)
+        .flat_map(move |(i, y)| columns.clone().map(move |(j, x)| (i * SIDE + j, (top + y) * width + x)))
 }
 
 /// The displacements along an axis that lead from `at` to a place below `size`, with that place.
