@@ -1,5 +1,5 @@
 //! Import of published weights: a safetensors file of FlowNetS or FlowNetC under the names of the public PyTorch code
-//! (`state_dict` of FlowNetPytorch or flownet2-pytorch).
+//! (`state_dict` of `FlowNetPytorch` or flownet2-pytorch).
 //!
 //! ```text
 //! theirs              ours

@@ -7,7 +7,7 @@
 //! every place within reach of the band; what is wanted lies on diagonals of the product.
 //!
 //! Cost of that, an image with maps of `h x w` places and `c` channels: `h w (w / 2 + 20) min(h / 2 + 20, 30) c`
-//! multiplications, of which `441 h w c` are wanted (at 640 x 480 2.2 and 0.54 of the network's 20 thousand million), and
+//! multiplications, of which `441 h w c` are wanted (at 640 x 480 2.2 and 0.54 billion, of 20 in the network), and
 //! memory for the products of one band, 20 rows of `h`.
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;

@@ -1,6 +1,8 @@
 //! The arithmetic of [`correlation`](super::correlation::correlation) on the CPU: the products that are wanted and no
 //! others, threads over rows. Every sum has its order from the sizes alone, so that results are bit-identical for any
 //! number of threads.
+// Only what is inlined into a closure that `Arch` dispatches is compiled for the machine's vectors.
+#![allow(clippy::inline_always)]
 
 use pulp::Arch;
 use rayon::prelude::*;
