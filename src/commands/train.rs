@@ -97,7 +97,7 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     let task = config.task()?;
     let loading = Progress::start(&format!("{name}: reading"), "examples", 0);
     let examples = Examples::load(&task, &config.datasets, &|done, total| {
-        loading.update_of(done as u64, total as u64, "")
+        loading.update_of(done as u64, total as u64, "");
     })?;
     let reading_seconds = loading.finish();
     for (dataset, cache) in config.datasets.iter().zip(examples.caches()) {

@@ -29,6 +29,8 @@ impl LossCurve {
 
 #[cfg(test)]
 mod tests {
+    use approx::assert_relative_eq;
+
     use super::*;
 
     #[test]
@@ -38,7 +40,7 @@ mod tests {
             curve.add(f64::from(i), f64::from(i) / 125.0, 250);
         }
         assert_eq!(curve.points.len(), 83);
-        assert_eq!(curve.points[0], [0.024, 2.0]);
-        assert_eq!(curve.points[82], [249.0 / 125.0, 248.0]);
+        assert_relative_eq!(curve.points[0][..], [0.024, 2.0]);
+        assert_relative_eq!(curve.points[82][..], [1.992, 248.0]);
     }
 }

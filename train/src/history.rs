@@ -87,5 +87,5 @@ pub(crate) fn append(run: &Path, line: &Line) -> Result<()> {
 pub(crate) fn keep(run: &Path, epochs: usize) -> Result<()> {
     let text = text(run)?;
     let kept = lines(&text).filter(|(record, _)| record.epoch <= epochs);
-    publish::write(&file(run), &kept.map(|(_, line)| format!("{line}\n")).collect::<String>())
+    publish::write(&file(run), &kept.flat_map(|(_, line)| [line, "\n"]).collect::<String>())
 }

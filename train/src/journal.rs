@@ -56,7 +56,7 @@ impl<'a> Journal<'a> {
     pub(crate) fn step(&mut self, place: &Place, examples: usize, taken: &Step) -> Result<()> {
         self.examples += examples;
         self.last_step = (self.gauge)();
-        if place.steps % STEPS != 0 {
+        if !place.steps.is_multiple_of(STEPS) {
             return Ok(());
         }
         let Step { loss, learning_rate, gradient_norm } = *taken;

@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn a_phase_ends_when_its_epochs_or_its_patience_do() {
-        let split = Split::new(1, 0.1, &[0..20]);
+        let split = Split::new(1, 0.1, &[0..10, 10..20]);
         let patient = PhaseConfig { patience: Some(2), ..phase(10) };
         let phases = [patient, phase(3)].map(|config| Phase::new(&config, 6, &split).unwrap());
         let mut place = Place::default();

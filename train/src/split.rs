@@ -100,7 +100,9 @@ mod tests {
             let order = split.order(3, epoch, &[20, 0]);
             let distinct: std::collections::BTreeSet<_> = order.iter().collect();
             assert_eq!((order.len(), distinct.len()), (20, 20));
-            order.into_iter().for_each(|example| times[example] += 1);
+            for example in order {
+                times[example] += 1;
+            }
         }
         for (example, times) in times.into_iter().enumerate() {
             assert_eq!(times, if split.training[0].contains(&example) { 10 } else { 0 });

@@ -1,7 +1,7 @@
 //! TensorBoard's event files: scalars over steps, in the folder `tensorboard` of a run.
 //!
-//! A file is a sequence of TFRecords (`tensorflow/core/lib/io/record_writer.h`: length, its checksum, data, its checksum),
-//! each an `Event` (`tensorflow/core/util/event.proto`, Protocol Buffers). The few fields that scalars need are encoded
+//! A file is a sequence of `TFRecord`s (`tensorflow/core/lib/io/record_writer.h`: length, its checksum, data, its checksum),
+//! each an `Event` (`tensorflow/core/util/event.proto`, protocol buffers). The few fields that scalars need are encoded
 //! here by hand.
 
 use std::fs::{self, File};
@@ -25,6 +25,9 @@ const STATUS: u32 = 1;
 /// `SessionLog.SessionStatus`.
 const START: u64 = 1;
 
+/// The beginning of a file's name, before its number.
+const PREFIX: &str = "events.out.tfevents.";
+
 /// An event file that is being written.
 #[derive(Debug)]
 pub(crate) struct EventFile {
@@ -38,9 +41,10 @@ impl EventFile {
     pub(crate) fn begin(folder: &Path, first: usize, unix_time: f64) -> Result<Self> {
         fs::create_dir_all(folder).map_err(at(folder))?;
         // TensorBoard reads the files of a folder in the order of their names.
-        let name = |number| folder.join(format!("events.out.tfevents.{number:06}.flowservo"));
-        let count = fs::read_dir(folder).map_err(at(folder))?.count();
-        let path = (count..).map(name).find(|path| !path.exists()).unwrap_or_default();
+        let names =
+            fs::read_dir(folder).map_err(at(folder))?.filter_map(|entry| Some(entry.ok()?.file_name()));
+        let number = names.filter_map(|name| number(name.to_str()?)).max().map_or(0, |latest| latest + 1);
+        let path = folder.join(format!("{PREFIX}{number:06}.flowservo"));
         let file = File::create_new(&path).map_err(at(&path))?;
         let mut events = Self { path, file };
         let mut version = timed(unix_time);
@@ -77,6 +81,11 @@ impl EventFile {
     }
 }
 
+/// The number in the name of an event file.
+fn number(name: &str) -> Option<u64> {
+    name.strip_prefix(PREFIX)?.split('.').next()?.parse().ok()
+}
+
 /// An `Event` with nothing but its time.
 fn timed(unix_time: f64) -> Vec<u8> {
     let mut event = Vec::new();
@@ -85,7 +94,7 @@ fn timed(unix_time: f64) -> Vec<u8> {
     event
 }
 
-/// A TFRecord.
+/// A `TFRecord`.
 fn framed(data: &[u8]) -> Vec<u8> {
     let length = (data.len() as u64).to_le_bytes();
     [&length[..], &masked_crc(&length), data, &masked_crc(data)].concat()
@@ -155,8 +164,7 @@ mod tests {
         let mut events = EventFile::begin(folder.path(), 301, 1.5e9).unwrap();
         events.scalars(310, 1.5e9 + 0.25, &[("step/loss".into(), 0.125), ("x".into(), -3.0)]).unwrap();
         let bytes = fs::read(&events.path).unwrap();
-        let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        assert_eq!(hexadecimal, GOLDEN.concat());
+        assert_eq!(format!("{bytes:02x?}").replace(['[', ',', ' ', ']'], ""), GOLDEN.concat());
         let next = EventFile::begin(folder.path(), 306, 1.5e9).unwrap();
         assert!(next.path > events.path);
         fs::remove_file(&events.path).unwrap();
