@@ -1,6 +1,6 @@
 //! The training loop: forward, loss, backward, clip, step; validation after every epoch, checkpoints within and after it.
 //!
-//! All it does is a function of the configuration, the examples and where it stands ([`Place`]). So a run that was
+//! All it does is a function of the configuration, the examples and where it stands (`Place`). So a run that was
 //! stopped anywhere, or killed, continues to the same weights, on the CPU to the bit.
 //!
 //! ```text
