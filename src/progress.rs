@@ -13,17 +13,18 @@ pub(crate) struct Progress {
     name: String,
     unit: &'static str,
     done: AtomicU64,
+    /// Of it, what was done before the stage began.
+    before: AtomicU64,
     total: AtomicU64,
     started: Instant,
     bar: Option<ProgressBar>,
     plain: Mutex<Plain>,
 }
 
-/// When the next plain line is due, and what was done before the stage began.
+/// When the next plain line is due.
 struct Plain {
     next: u64,
     last: Instant,
-    before: Option<u64>,
 }
 
 /// Plain lines come at every tenth of the work, and no more often than this.
@@ -52,10 +53,11 @@ impl Progress {
             name: name.to_owned(),
             unit,
             done: AtomicU64::new(0),
+            before: AtomicU64::new(0),
             total: AtomicU64::new(total),
             started,
             bar,
-            plain: Mutex::new(Plain { next: total.div_ceil(10), last: started, before: None }),
+            plain: Mutex::new(Plain { next: total.div_ceil(10), last: started }),
         }
     }
 
@@ -67,7 +69,6 @@ impl Progress {
 
     fn show(&self, done: u64, message: &str) {
         let Ok(mut plain) = self.plain.lock() else { return };
-        let before = *plain.before.get_or_insert(done.saturating_sub(1));
         if let Some(bar) = &self.bar {
             bar.set_position(done);
             // On a line of its own there is room for it.
@@ -78,8 +79,8 @@ impl Progress {
         if done < plain.next || done >= total || plain.last.elapsed() < PLAIN_PAUSE {
             return;
         }
-        *plain = Plain { next: done + total.div_ceil(10), last: Instant::now(), before: Some(before) };
-        let rate = (done - before) as f64 / self.seconds().max(1e-9);
+        *plain = Plain { next: done + total.div_ceil(10), last: Instant::now() };
+        let rate = (done - self.before.load(Ordering::Relaxed)) as f64 / self.seconds().max(1e-9);
         let left = (total - done) as f64 / rate.max(1e-9);
         let Self { name, unit, .. } = self;
         eprintln!(
@@ -94,12 +95,19 @@ impl Progress {
         self.update(done, message);
     }
 
+    /// Says how far the stage is, and how much of it was done before the stage began.
+    pub(crate) fn update_from(&self, before: u64, done: u64) {
+        self.before.store(before, Ordering::Relaxed);
+        self.update(done, "");
+    }
+
     /// Begins where another run stopped: what was done before counts for the bar, not for the rate.
     pub(crate) fn begin_at(&self, done: u64, total: u64) {
         self.set_total(total);
         self.done.store(done, Ordering::Relaxed);
+        self.before.store(done, Ordering::Relaxed);
         if let Ok(mut plain) = self.plain.lock() {
-            *plain = Plain { next: done + total.div_ceil(10), before: Some(done), ..*plain };
+            plain.next = done + total.div_ceil(10);
         }
         if let Some(bar) = &self.bar {
             bar.set_position(done);
@@ -139,8 +147,7 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
-        let before = self.plain.lock().ok().and_then(|plain| plain.before).unwrap_or(0);
-        let done = self.done.load(Ordering::Relaxed) - before;
+        let done = self.done.load(Ordering::Relaxed) - self.before.load(Ordering::Relaxed);
         eprintln!("{}: {done} {} in {seconds:.1} s", self.name, self.unit);
         seconds
     }

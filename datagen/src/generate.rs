@@ -55,7 +55,7 @@ pub fn generate(
         files.push(file);
     }
     let info = finish(config, out, files)?;
-    Ok(summary(&info, run.rows_made))
+    Ok(summary(&info, run.progress.rows_made))
 }
 
 /// Publishes the card and `dataset.json`.

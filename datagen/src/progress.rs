@@ -15,6 +15,8 @@ pub struct Options<'a> {
 pub struct Progress {
     /// Rows that are there, those of earlier runs included.
     pub rows_done: u64,
+    /// Rows made by this run.
+    pub rows_made: u64,
     /// Rows asked for.
     pub rows_total: u64,
 }
@@ -23,14 +25,12 @@ pub struct Progress {
 pub(crate) struct Run<'a> {
     options: &'a Options<'a>,
     report: &'a dyn Fn(Progress),
-    progress: Progress,
-    /// Rows made by this run.
-    pub(crate) rows_made: u64,
+    pub(crate) progress: Progress,
 }
 
 impl<'a> Run<'a> {
     pub(crate) fn new(rows_total: u64, options: &'a Options<'a>, report: &'a dyn Fn(Progress)) -> Self {
-        Self { options, report, progress: Progress { rows_done: 0, rows_total }, rows_made: 0 }
+        Self { options, report, progress: Progress { rows_done: 0, rows_made: 0, rows_total } }
     }
 
     /// Rows of an earlier run were found.
@@ -41,13 +41,13 @@ impl<'a> Run<'a> {
 
     /// Rows were made.
     pub(crate) fn made(&mut self, rows: u64) {
-        self.rows_made += rows;
+        self.progress.rows_made += rows;
         self.found(rows);
     }
 
     /// An error if the work should stop.
     pub(crate) fn check(&self) -> Result<()> {
-        let Progress { rows_done, rows_total } = self.progress;
+        let Progress { rows_done, rows_total, .. } = self.progress;
         if self.options.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted { rows_done, rows_total });
         }

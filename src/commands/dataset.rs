@@ -67,7 +67,7 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
     let progress = Progress::start(&format!("dataset {}", config.name), "rows", config.count);
     let summary =
         datagen::generate(config, out, &Options { stop: stop.flag() }, &|state: datagen::Progress| {
-            progress.update(state.rows_done, "");
+            progress.update_from(state.rows_done - state.rows_made, state.rows_done);
         })?;
     if (1..summary.rows).contains(&summary.rows_made) {
         progress.say(&format!(

@@ -95,22 +95,22 @@ impl ModuleVisitor for Zeros {
     }
 }
 
-/// Euclidean norm of the gradient over all parameters.
+/// Euclidean norm of the gradient over all parameters, read from the device once.
 fn norm(network: &Network, gradients: &GradientsParams) -> f64 {
-    let mut squares = Squares { gradients, sum: 0.0 };
+    let mut squares = Squares { gradients, sums: Vec::new() };
     network.visit(&mut squares);
-    squares.sum.sqrt()
+    Tensor::cat(squares.sums, 0).into_data().iter::<f32>().map(f64::from).sum::<f64>().sqrt()
 }
 
 struct Squares<'a> {
     gradients: &'a GradientsParams,
-    sum: f64,
+    sums: Vec<Tensor<1>>,
 }
 
 impl ModuleVisitor for Squares<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         if let Some(gradient) = self.gradients.get::<D>(param.id) {
-            self.sum += f64::from(gradient.square().sum().into_scalar::<f32>());
+            self.sums.push(gradient.square().sum());
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Either network, behind one face for training and checkpoints.
 
-use burn::module::{Module, ModuleMapper, Param, ParamId};
+use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 
 use crate::batch::Images;
@@ -19,11 +19,10 @@ pub enum Network {
 impl Network {
     /// The untrained network of a task: a pure function of the seed.
     pub fn new(task: &Task, seed: u64, device: &Device) -> Self {
-        let network = match task {
+        match task {
             Task::Approach { network, .. } => Self::Approach(network.init(seed, device)),
             Task::Avoidance { network } => Self::Avoidance(network.init(seed, device)),
-        };
-        network.map(&mut Numbering { next: 0 })
+        }
     }
 
     /// # Panics
@@ -38,19 +37,5 @@ impl Network {
             (Self::Avoidance(network), Images { current, goal: None }) => network.forward(current),
             _ => panic!("images of the other task"),
         }
-    }
-}
-
-/// Numbers the parameters in their order. Burn draws the identity of a parameter at random; numbered, the optimizer's
-/// state, which names parameters by it, fits the same network in another process.
-struct Numbering {
-    next: u64,
-}
-
-impl ModuleMapper for Numbering {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let (_, tensor, mapper) = param.consume();
-        self.next += 1;
-        Param::from_mapped_value(ParamId::from(self.next), tensor, mapper)
     }
 }

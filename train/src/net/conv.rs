@@ -203,9 +203,16 @@ mod tests {
             ([2, 7, 5, 3], [5, 5, 3, 4], 1),
             ([5, 2, 2, 6], [3, 3, 6, 9], 1),
             ([4, 1, 1, 6], [3, 3, 6, 5], 2),
-            // Several tiles, chunks of the batch, and sums longer than one product.
-            ([3, 40, 44, 6], [7, 7, 6, 16], 2),
-            ([6, 17, 12, 70], [3, 3, 70, 24], 1),
+            // A kernel of one place, and strides beyond the kernel and within it.
+            ([2, 7, 8, 3], [1, 1, 3, 40], 3),
+            ([2, 11, 10, 4], [3, 3, 4, 6], 4),
+            // An image in several sections, and several images in one.
+            ([1, 200, 180, 6], [5, 5, 6, 16], 2),
+            ([40, 3, 4, 6], [3, 3, 6, 16], 1),
+            // More weights than pixels, in panels of which the last is narrow.
+            ([2, 5, 6, 70], [3, 3, 70, 100], 1),
+            // The weight's gradient summed over parts of the batch.
+            ([34, 30, 30, 6], [7, 7, 6, 16], 2),
         ];
         for (input, weight, stride) in cases {
             let ours = evaluate(leaky_conv2d, input, weight, stride);

@@ -1,7 +1,6 @@
 //! The three passes of [`leaky_conv2d`](super::conv::leaky_conv2d) on the CPU.
 //!
-//! Tensors keep their channels last, so that a row of a patch is one contiguous run of memory. No patch is copied: images
-//! are copied once into a window with room for the padding, from which the products read patches where they lie. With
+//! Tensors keep their channels last, so that a row of a patch is one contiguous run of memory. With
 //! `patch = kernel * kernel * in`, the passes are, all row-major,
 //!
 //! ```text
@@ -18,12 +17,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::conv_simd::{Accumulate, Correlate, TAIL, lanes, panel_columns};
+use super::conv_pass::{Panels, Pass, Scratch, Section};
+use super::conv_simd::Accumulate;
 
-/// Elements of a window that leave room for a panel in a 1 MiB L2 cache.
-const WINDOW: usize = 64 * 1024;
-/// Fewest pixels worth a task of their own.
-const PIXELS: usize = 192;
 /// Rows of the weight's gradient that are summed together.
 const PATCH_ROWS: usize = 96;
 /// Tasks of a sum over the batch.
@@ -72,9 +68,9 @@ impl Geometry {
     }
 
     /// The forward pass.
-    fn forward(&self) -> Correlation {
+    fn forward(&self) -> Pass {
         let padding = -(self.kernel / 2).cast_signed();
-        Correlation {
+        Pass {
             source: [self.height, self.width, self.channels],
             begin: [padding; 2],
             pixels: [self.out_height(), self.out_width()],
@@ -87,7 +83,7 @@ impl Geometry {
     }
 
     /// The part of the input's gradient at positions `first + stride * i`, and for each of its taps the tap of the kernel.
-    fn backward(&self, first: [usize; 2]) -> (Correlation, Vec<[usize; 2]>) {
+    fn backward(&self, first: [usize; 2]) -> (Pass, Vec<[usize; 2]>) {
         let (size, padding) = ([self.height, self.width], self.kernel / 2);
         // Along either axis, tap k takes input position y to output position (y + padding - k) / stride if that is whole.
         let remainder = first.map(|y| (y + padding) % self.stride);
@@ -98,7 +94,7 @@ impl Geometry {
             (last + 1 - taps[i].cast_signed(), (size[i] - first[i]).div_ceil(self.stride))
         };
         let ((top, rows), (left, columns)) = (axis(0), axis(1));
-        let correlation = Correlation {
+        let pass = Pass {
             source: [self.out_height(), self.out_width(), self.out_channels],
             begin: [top, left],
             pixels: [rows, columns],
@@ -109,229 +105,7 @@ impl Geometry {
             step: self.stride,
         };
         let taps = (0..taps[0]).flat_map(|y| (0..taps[1]).map(move |x| [tap(0, y), tap(1, x)])).collect();
-        (correlation, taps)
-    }
-}
-
-/// `output[first + step * i] = sum over taps of source[begin + stride * i + tap] * weight[tap]`, where the source is zero
-/// outside. Sizes and positions are those of rows and columns; the third of a size is its channels.
-#[derive(Clone, Copy, Debug)]
-struct Correlation {
-    source: [usize; 3],
-    begin: [isize; 2],
-    pixels: [usize; 2],
-    stride: usize,
-    taps: [usize; 2],
-    output: [usize; 3],
-    first: [usize; 2],
-    step: usize,
-}
-
-/// Rows of pixels of some images; all their rows if there are several images.
-#[derive(Clone, Debug)]
-struct Section {
-    images: Range<usize>,
-    rows: Range<usize>,
-}
-
-impl Correlation {
-    fn patch(&self) -> usize {
-        self.taps[0] * self.run()
-    }
-
-    /// Elements of a row of a patch.
-    fn run(&self) -> usize {
-        self.taps[1] * self.source[2]
-    }
-
-    /// Rows and columns of the part of the source that `rows` rows of pixels see.
-    fn window(&self, rows: usize) -> [usize; 2] {
-        [(rows, 0), (self.pixels[1], 1)].map(|(pixels, axis)| (pixels - 1) * self.stride + self.taps[axis])
-    }
-
-    fn window_len(&self, rows: usize) -> usize {
-        self.window(rows).iter().product::<usize>() * self.source[2]
-    }
-
-    /// The pixels of a batch in sections of about the size of a cache, in their order.
-    fn sections(&self, batch: usize) -> Vec<Section> {
-        let [rows, columns] = self.pixels;
-        let image = self.window_len(rows);
-        if image <= WINDOW {
-            let images = (WINDOW / image).min(PIXELS.div_ceil(rows * columns));
-            let section = |first| Section { images: first..(first + images).min(batch), rows: 0..rows };
-            return (0..batch).step_by(images).map(section).collect();
-        }
-        let band = rows.div_ceil(image.div_ceil(WINDOW));
-        let bands = move |image| {
-            let section =
-                move |first| Section { images: image..image + 1, rows: first..(first + band).min(rows) };
-            (0..rows).step_by(band).map(section)
-        };
-        (0..batch).flat_map(bands).collect()
-    }
-
-    /// Copies what a section sees of the source, with zeros outside, image after image.
-    fn fill_window(&self, section: &Section, source: &[f32], window: &mut Vec<f32>) {
-        let [height, width, channels] = self.source;
-        let [rows, columns] = self.window(section.rows.len());
-        let [top, left] = self.begin;
-        let top = top + (section.rows.start * self.stride).cast_signed();
-        // The columns of the window that lie in the source.
-        let inside = |position: isize| position.clamp(0, width.cast_signed()).cast_unsigned();
-        let (begin, end) = (inside(left), inside(left + columns.cast_signed()));
-        let skipped = (begin.cast_signed() - left).cast_unsigned() * channels;
-        let lines = section.images.len() * rows;
-        window.clear();
-        window.resize(lines * columns * channels + TAIL, 0.0);
-        for (line, to) in window.chunks_exact_mut(columns * channels).take(lines).enumerate() {
-            let (image, row) = (section.images.start + line / rows, top + (line % rows).cast_signed());
-            if (0..height.cast_signed()).contains(&row) && begin < end {
-                let from = (image * height + row.cast_unsigned()) * width;
-                let from = &source[(from + begin) * channels..(from + end) * channels];
-                to[skipped..skipped + from.len()].copy_from_slice(from);
-            }
-        }
-    }
-
-    /// Of each pixel of a section, where its patch begins in the section's window and its result in the section's output.
-    fn fill_places(&self, section: &Section, places: &mut Vec<[usize; 2]>) {
-        let [rows, columns] = self.window(section.rows.len());
-        let [height, width, channels] = self.output;
-        places.clear();
-        for image in 0..section.images.len() {
-            for y in 0..section.rows.len() {
-                let from = (image * rows + y * self.stride) * columns;
-                let to = (image * height + self.first[0] + y * self.step) * width + self.first[1];
-                let place = |x| [(from + x * self.stride) * self.source[2], (to + x * self.step) * channels];
-                places.extend((0..self.pixels[1]).map(place));
-            }
-        }
-    }
-
-    /// Where the section's output begins, and its length.
-    fn section_output(&self, section: &Section) -> usize {
-        let [height, width, channels] = self.output;
-        let end = if section.rows.end == self.pixels[0] { height } else { section.rows.end * self.step };
-        section.images.len() * (end - section.rows.start * self.step) * width * channels
-    }
-}
-
-/// The right side of a product, packed in panels that the tiles read from front to end.
-struct Panels<'a> {
-    columns: usize,
-    /// Packs columns `columns` into a `[patch, width]` panel of zeros.
-    pack: &'a (dyn Fn(Range<usize>, usize, &mut [f32]) + Sync),
-    patch: usize,
-    bias: &'a [f32],
-    slope: f32,
-}
-
-/// A panel and the bias of its columns.
-struct Panel {
-    columns: Range<usize>,
-    values: Vec<f32>,
-    bias: Vec<f32>,
-}
-
-impl Panels<'_> {
-    fn ranges(&self) -> Vec<Range<usize>> {
-        let width = panel_columns();
-        (0..self.columns).step_by(width).map(|first| first..(first + width).min(self.columns)).collect()
-    }
-
-    fn packed(&self, columns: Range<usize>) -> Panel {
-        let width = if columns.len() <= lanes() { lanes() } else { panel_columns() };
-        let (mut values, mut bias) = (vec![0.0; self.patch * width], vec![0.0; width]);
-        (self.pack)(columns.clone(), width, &mut values);
-        if !self.bias.is_empty() {
-            bias[..columns.len()].copy_from_slice(&self.bias[columns.clone()]);
-        }
-        Panel { columns, values, bias }
-    }
-}
-
-/// A window on a section's source, and the places of its pixels: memory that a thread uses again.
-#[derive(Default)]
-struct Scratch {
-    window: Vec<f32>,
-    places: Vec<[usize; 2]>,
-}
-
-impl Correlation {
-    /// Computes the positions of `output` that are this correlation's.
-    fn run_over(&self, batch: usize, source: &[f32], panels: &Panels, output: &mut [f32]) {
-        if self.patch() == 0 {
-            return;
-        }
-        let ranges = panels.ranges();
-        let whole = Section { images: 0..batch, rows: 0..self.pixels[0] };
-        if batch * self.window_len(self.pixels[0]) < self.patch() * panels.columns && ranges.len() > 1 {
-            // Few pixels, many weights: each task takes a panel, packs it, and is done with it.
-            let mut scratch = Scratch::default();
-            self.fill(&whole, source, &mut scratch);
-            let results: Vec<_> = ranges
-                .into_par_iter()
-                .map(|columns| {
-                    let panel = panels.packed(columns);
-                    let width = panel.columns.len();
-                    let mut result = vec![0.0; scratch.places.len() * width];
-                    let places: Vec<_> =
-                        scratch.places.iter().enumerate().map(|(i, place)| [place[0], i * width]).collect();
-                    self.product(&scratch.window, &places, &panel, panels.slope, (&mut result, 0));
-                    (panel.columns, result)
-                })
-                .collect();
-            for (columns, result) in results {
-                for (place, result) in scratch.places.iter().zip(result.chunks_exact(columns.len())) {
-                    output[place[1] + columns.start..][..result.len()].copy_from_slice(result);
-                }
-            }
-            return;
-        }
-        let packed: Vec<_> = ranges.into_par_iter().map(|columns| panels.packed(columns)).collect();
-        let mut rest = output;
-        let mut tasks = Vec::new();
-        for section in self.sections(batch) {
-            let (part, others) = rest.split_at_mut(self.section_output(&section));
-            tasks.push((section, part));
-            rest = others;
-        }
-        tasks.into_par_iter().for_each_init(Scratch::default, |scratch, (section, output)| {
-            self.fill(&section, source, scratch);
-            for panel in &packed {
-                let output = (&mut *output, panel.columns.start);
-                self.product(&scratch.window, &scratch.places, panel, panels.slope, output);
-            }
-        });
-    }
-
-    fn fill(&self, section: &Section, source: &[f32], scratch: &mut Scratch) {
-        self.fill_window(section, source, &mut scratch.window);
-        self.fill_places(section, &mut scratch.places);
-    }
-
-    fn product(
-        &self,
-        window: &[f32],
-        places: &[[usize; 2]],
-        panel: &Panel,
-        slope: f32,
-        (output, column): (&mut [f32], usize),
-    ) {
-        let correlate = Correlate {
-            source: window,
-            places,
-            run: self.run(),
-            row_step: self.window(1)[1] * self.source[2],
-            panel: &panel.values,
-            patch: self.patch(),
-            bias: &panel.bias,
-            slope,
-            output: &mut output[column..],
-            columns: panel.columns.len(),
-        };
-        correlate.run();
+        (pass, taps)
     }
 }
 
@@ -343,9 +117,9 @@ pub(super) fn forward(g: &Geometry, input: &[f32], weight: &[f32], bias: &[f32],
             to[..columns.len()].copy_from_slice(&from[columns.clone()]);
         }
     };
-    let panels = Panels { columns: out, pack: &pack, patch: g.patch(), bias, slope };
+    let panels = Panels { patch: g.patch(), columns: out, pack: &pack, bias, slope };
     let mut output = vec![0.0; g.output().iter().product()];
-    g.forward().run_over(g.batch, input, &panels, &mut output);
+    g.forward().run(g.batch, input, &panels, &mut output);
     output
 }
 
@@ -379,7 +153,7 @@ pub(super) fn input_gradient(g: &Geometry, weight: &[f32], gradient: &[f32]) -> 
     let mut input = vec![0.0; g.batch * g.height * g.width * channels];
     for y in 0..g.stride.min(g.height) {
         for x in 0..g.stride.min(g.width) {
-            let (correlation, taps) = g.backward([y, x]);
+            let (pass, taps) = g.backward([y, x]);
             let pack = |columns: Range<usize>, width: usize, panel: &mut [f32]| {
                 for (to, [ky, kx]) in panel.chunks_exact_mut(out * width).zip(&taps) {
                     let from = &weight[(ky * g.kernel + kx) * channels * out..][..channels * out];
@@ -390,9 +164,12 @@ pub(super) fn input_gradient(g: &Geometry, weight: &[f32], gradient: &[f32]) -> 
                     }
                 }
             };
-            let patch = correlation.patch();
-            let panels = Panels { columns: channels, pack: &pack, patch, bias: &[], slope: 1.0 };
-            correlation.run_over(g.batch, gradient, &panels, &mut input);
+            // A stride beyond the kernel leaves positions that no output has seen.
+            if !taps.is_empty() {
+                let patch = pass.patch();
+                let panels = Panels { patch, columns: channels, pack: &pack, bias: &[], slope: 1.0 };
+                pass.run(g.batch, gradient, &panels, &mut input);
+            }
         }
     }
     input
@@ -400,14 +177,13 @@ pub(super) fn input_gradient(g: &Geometry, weight: &[f32], gradient: &[f32]) -> 
 
 /// Gradient of the weight, from the `gradient` of the output before the rectifier.
 pub(super) fn weight_gradient(g: &Geometry, input: &[f32], gradient: &[f32]) -> Vec<f32> {
-    let (out, correlation) = (g.out_channels, g.forward());
-    let run = correlation.run();
+    let (out, pass) = (g.out_channels, g.forward());
+    let (run, row_step) = (pass.run_len(), pass.row_step());
     let blocks: Vec<_> = (0..g.patch())
         .step_by(run)
         .flat_map(|y| (y..y + run).step_by(PATCH_ROWS).map(move |row| row..(row + PATCH_ROWS).min(y + run)))
         .collect();
-    let sections = correlation.sections(g.batch);
-    let row_step = correlation.window(1)[1] * g.channels;
+    let sections = pass.sections(g.batch);
     let accumulate = |scratch: &Scratch, section: &Section, block: &Range<usize>, sums: &mut [f32]| {
         let first = (section.images.start * g.out_height() + section.rows.start) * g.out_width();
         let accumulate = Accumulate {
@@ -427,7 +203,7 @@ pub(super) fn weight_gradient(g: &Geometry, input: &[f32], gradient: &[f32]) -> 
             .map_init(Scratch::default, |scratch, sections| {
                 let mut sums = vec![0.0; g.patch() * out];
                 for section in sections {
-                    correlation.fill(section, input, scratch);
+                    pass.fill(section, input, scratch);
                     for block in &blocks {
                         accumulate(scratch, section, block, &mut sums[block.start * out..block.end * out]);
                     }
@@ -450,7 +226,7 @@ pub(super) fn weight_gradient(g: &Geometry, input: &[f32], gradient: &[f32]) -> 
     }
     tasks.into_par_iter().for_each_init(Scratch::default, |scratch, (block, part)| {
         for section in &sections {
-            correlation.fill(section, input, scratch);
+            pass.fill(section, input, scratch);
             accumulate(scratch, section, block, part);
         }
     });

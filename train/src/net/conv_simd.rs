@@ -32,7 +32,7 @@ pub(super) fn lanes() -> usize {
 }
 
 /// `leaky(bias + patches * panel)` for some pixels.
-pub(super) struct Correlate<'a> {
+pub(super) struct Multiply<'a> {
     pub(super) source: &'a [f32],
     /// Where the patch of each pixel begins in the source, and its result in the output.
     pub(super) places: &'a [[usize; 2]],
@@ -51,7 +51,7 @@ pub(super) struct Correlate<'a> {
     pub(super) columns: usize,
 }
 
-impl Correlate<'_> {
+impl Multiply<'_> {
     pub(super) fn run(self) {
         Arch::new().dispatch(self);
     }
@@ -104,7 +104,7 @@ fn add_products<S: Simd, const ROWS: usize, const N: usize>(
     sums
 }
 
-impl WithSimd for Correlate<'_> {
+impl WithSimd for Multiply<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -215,6 +215,94 @@ impl WithSimd for Accumulate<'_> {
                 (true, false) => self.tiles::<S, 8, 1>(simd, column),
                 (false, true) => self.tiles::<S, 12, VECTORS>(simd, column),
                 (false, false) => self.tiles::<S, 5, VECTORS>(simd, column),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+    use pulp::Scalar;
+
+    use super::*;
+
+    fn noise(len: usize, seed: f32) -> Vec<f32> {
+        (0..len).map(|i| (seed + i as f32 * 1.37).sin()).collect()
+    }
+
+    /// Both products over seven pixels with patches of two runs of five elements, eleven elements apart, and three
+    /// columns fewer than fit in the tile.
+    fn products(lanes: usize, vectors: usize, simd: &dyn Fn(Product)) {
+        let (width, columns) = (vectors * lanes, vectors * lanes - lanes.min(3));
+        let (source, panel) = (noise(80 + TAIL, 0.1), noise(10 * width, 0.2));
+        let (bias, gradient) = (noise(width, 0.3), noise(7 * columns, 0.4));
+        let places: Vec<_> = (0..7).map(|i| [9 * i, i * columns]).collect();
+        let (mut output, mut sums) = (vec![0.0; 7 * columns], noise(5 * columns, 0.5));
+        let before = sums.clone();
+        simd(Product::Multiply(Multiply {
+            source: &source,
+            places: &places,
+            run: 5,
+            row_step: 11,
+            panel: &panel,
+            patch: 10,
+            bias: &bias,
+            slope: 0.1,
+            output: &mut output,
+            columns,
+        }));
+        simd(Product::Accumulate(Accumulate {
+            source: &source,
+            places: &places,
+            gradient: &gradient,
+            sums: &mut sums,
+            columns,
+        }));
+        for pixel in 0..7 {
+            for column in 0..columns {
+                let element = |t: usize| source[9 * pixel + t / 5 * 11 + t % 5];
+                let sum: f32 = (0..10).map(|t| element(t) * panel[t * width + column]).sum();
+                let sum = sum + bias[column];
+                let expected = if sum > 0.0 { sum } else { 0.1 * sum };
+                assert_relative_eq!(output[pixel * columns + column], expected, epsilon = 1e-5);
+            }
+        }
+        for t in 0..5 {
+            for column in 0..columns {
+                let sum: f32 = (0..7).map(|p| source[9 * p + t] * gradient[p * columns + column]).sum();
+                let at = t * columns + column;
+                assert_relative_eq!(sums[at], before[at] + sum, epsilon = 1e-5);
+            }
+        }
+    }
+
+    /// Either product.
+    enum Product<'a> {
+        Multiply(Multiply<'a>),
+        Accumulate(Accumulate<'a>),
+    }
+
+    impl WithSimd for Product<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            match self {
+                Self::Multiply(product) => product.with_simd(simd),
+                Self::Accumulate(product) => product.with_simd(simd),
+            }
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_of_this_machine_computes_the_same() {
+        for vectors in [1, VECTORS] {
+            products(lanes(), vectors, &|product| Arch::new().dispatch(product));
+            products(1, vectors, &|product| Scalar.vectorize(product));
+            #[cfg(target_arch = "x86_64")]
+            if let Some(avx2) = pulp::x86::V3::try_new() {
+                products(8, vectors, &|product| avx2.vectorize(product));
             }
         }
     }

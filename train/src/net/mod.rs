@@ -7,6 +7,7 @@ mod approach;
 mod avoid;
 mod conv;
 mod conv_cpu;
+mod conv_pass;
 mod conv_simd;
 mod correlation;
 mod correlation_cpu;
