@@ -1,8 +1,11 @@
 //! Where tensors live. The only file that names a backend of Burn.
 
-use anyhow::Result;
-use burn::prelude::Device;
+use crate::config::bad_input;
+use anyhow::{Result, anyhow};
+use burn::prelude::{Device, Tensor};
 use clap::ValueEnum;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::{Arc, OnceLock};
 
 /// What `--device` takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -11,10 +14,28 @@ pub(crate) enum DeviceChoice {
     Auto,
     /// The CPU.
     Cpu,
-    /// Vulkan, Metal or WebGPU (cargo feature `wgpu`).
+    /// A graphics processor through Vulkan, or through Metal on a Mac (cargo feature `wgpu`).
     Wgpu,
-    /// CUDA (cargo feature `cuda`).
+    /// A Vulkan driver that computes on the CPU: slow, a test of `wgpu` without a graphics processor.
+    WgpuSoftware,
+    /// An NVIDIA graphics processor through CUDA (cargo feature `cuda`).
     Cuda,
+}
+
+impl DeviceChoice {
+    /// Its name on the command line.
+    fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+
+    /// The cargo feature that it needs and that this build lacks.
+    fn missing_feature(self) -> Option<&'static str> {
+        match self {
+            Self::Wgpu | Self::WgpuSoftware if !cfg!(feature = "wgpu") => Some("wgpu"),
+            Self::Cuda if !cfg!(feature = "cuda") => Some("cuda"),
+            _ => None,
+        }
+    }
 }
 
 /// A device and how to call it in front of people.
@@ -27,58 +48,173 @@ pub(crate) struct Opened {
 
 /// Opens the device that was asked for.
 pub(crate) fn open(choice: DeviceChoice) -> Result<Opened> {
+    if let Some(feature) = choice.missing_feature() {
+        return Err(bad_input(anyhow!(
+            "--device {}: this program was built without it; build with `cargo build --release --features {feature}`, \
+             or use --device cpu",
+            choice.name()
+        )));
+    }
+    let candidates = if choice == DeviceChoice::Cpu { vec![cpu()] } else { candidates() };
+    let mut others = Vec::new();
+    for candidate in candidates {
+        if choice == DeviceChoice::Auto && candidate.choice == DeviceChoice::WgpuSoftware {
+            continue;
+        }
+        match candidate.open() {
+            Ok((found, opened)) if fits(choice, found) => return Ok(opened),
+            Ok((_, opened)) => others.push(opened.name),
+            Err(reason) => others.push(reason),
+        }
+    }
+    let name = choice.name();
+    Err(bad_input(anyhow!("--device {name}: this machine has no such device; it has {}", others.join("; "))))
+}
+
+/// Whether a device that computes is what was asked for. Nobody gets a software rasterizer without asking for one.
+fn fits(choice: DeviceChoice, found: DeviceChoice) -> bool {
     match choice {
-        DeviceChoice::Cpu => Ok(cpu()),
-        DeviceChoice::Wgpu => wgpu(),
-        DeviceChoice::Cuda => cuda(),
-        DeviceChoice::Auto => Ok(cuda().or_else(|_| wgpu()).unwrap_or_else(|_| cpu())),
+        DeviceChoice::Auto => found != DeviceChoice::WgpuSoftware,
+        _ => found == choice,
     }
 }
 
-fn cpu() -> Opened {
-    Opened { device: Device::flex(), name: "CPU".to_owned() }
+/// A device that a driver reports, not opened yet.
+struct Candidate {
+    choice: DeviceChoice,
+    device: Device,
 }
 
-/// The first device of a kind that is a card of its own; a software rasteriser is not.
+impl Candidate {
+    /// Opens the device and lets it add two numbers, since a driver may come without the compiler that its kernels need.
+    fn open(self) -> Result<(DeviceChoice, Opened), String> {
+        let Self { choice, device } = self;
+        let card = attempt(|| {
+            (Tensor::<1>::ones([1], &device) + 1.0).into_data();
+            card(&device)
+        });
+        match card.map_err(|reason| format!("{}: one that does not open ({reason})", choice.name()))? {
+            None => Ok((choice, Opened { device, name: "CPU".to_owned() })),
+            Some(card) => {
+                let choice = if is_software(&card) { DeviceChoice::WgpuSoftware } else { choice };
+                Ok((choice, Opened { device, name: format!("{}: {card}", choice.name()) }))
+            }
+        }
+    }
+}
+
+/// Software rasterizers by their names, for those that drivers pass off as something else, as in a virtual machine.
+fn is_software(card: &str) -> bool {
+    let card = card.to_lowercase();
+    ["llvmpipe", "lavapipe", "softpipe", "swrast", "swiftshader", "basic render driver"]
+        .iter()
+        .any(|name| card.contains(name))
+}
+
+/// Runs what may panic in a driver, without the panic's print. Its words may come from a thread that Burn started.
+fn attempt<T>(work: impl FnOnce() -> T) -> Result<T, String> {
+    let words = Arc::new(OnceLock::new());
+    let heard = Arc::clone(&words);
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(move |panic| {
+        let words = panic.payload_as_str().unwrap_or_default();
+        heard.get_or_init(|| words.split_whitespace().collect::<Vec<_>>().join(" "));
+    }));
+    let result = panic::catch_unwind(AssertUnwindSafe(work));
+    panic::set_hook(hook);
+    result.map_err(|_| words.get().cloned().unwrap_or_default())
+}
+
+/// Everything that this build can reach on this machine, best first.
+fn candidates() -> Vec<Candidate> {
+    let mut candidates = Vec::new();
+    #[cfg(feature = "cuda")]
+    candidates.extend(cuda());
+    #[cfg(feature = "wgpu")]
+    candidates.extend(wgpu());
+    candidates.push(cpu());
+    candidates
+}
+
+fn cpu() -> Candidate {
+    Candidate { choice: DeviceChoice::Cpu, device: Device::flex() }
+}
+
+/// The name of the card behind a device; none for the CPU.
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
-fn first_card(kind: burn::tensor::DeviceType, name: &str) -> Result<Opened> {
-    let found = Device::enumerate(kind);
-    let card = found.iter().find_map(|device| {
-        let identity = device.identity()?;
-        identity.physical.is_some().then(|| (device.clone(), identity.name.clone()))
-    });
-    match card {
-        Some((device, card)) => Ok(Opened { device, name: format!("{name}: {card}") }),
-        None => Err(crate::config::bad_input(anyhow::anyhow!(
-            "--device {name}: no such graphics processor on this machine; --device cpu always works"
-        ))),
-    }
+fn card(device: &Device) -> Option<String> {
+    device.identity().map(|identity| identity.name)
 }
 
-#[cfg(feature = "wgpu")]
-fn wgpu() -> Result<Opened> {
-    first_card(burn::tensor::DeviceType::Wgpu, "wgpu")
+#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+fn card(_: &Device) -> Option<String> {
+    None
+}
+
+/// What drivers report of a kind; nothing if they fail.
+#[cfg(any(feature = "wgpu", feature = "cuda"))]
+fn enumerate(kind: burn::tensor::DeviceType) -> Vec<Device> {
+    attempt(|| Device::enumerate(kind).into_vec()).unwrap_or_default()
 }
 
 #[cfg(feature = "cuda")]
-fn cuda() -> Result<Opened> {
-    first_card(burn::tensor::DeviceType::Cuda, "cuda")
+fn cuda() -> Vec<Candidate> {
+    let devices = enumerate(burn::tensor::DeviceType::Cuda);
+    devices.into_iter().map(|device| Candidate { choice: DeviceChoice::Cuda, device }).collect()
 }
 
-#[cfg(not(feature = "wgpu"))]
-fn wgpu() -> Result<Opened> {
-    not_built("wgpu")
+/// Cards with memory of their own come first, software rasterizers last.
+#[cfg(feature = "wgpu")]
+fn wgpu() -> Vec<Candidate> {
+    use burn::backend::{CubeDevice, DispatchDevice, WgpuDevice, WgpuDeviceKind};
+
+    let kind = |device: &Device| match device.as_dispatch() {
+        DispatchDevice::Cube(CubeDevice::Wgpu(WgpuDevice { kind, .. })) => Some(kind.clone()),
+        _ => None,
+    };
+    let is_discrete = |device: &Device| matches!(kind(device), Some(WgpuDeviceKind::DiscreteGpu(_)));
+    let is_software = |device: &Device| kind(device) == Some(WgpuDeviceKind::Cpu);
+    let mut devices = enumerate(burn::tensor::DeviceType::Wgpu);
+    devices.sort_by_key(|device| (is_software(device), !is_discrete(device)));
+    let choice = |device: &Device| {
+        if is_software(device) { DeviceChoice::WgpuSoftware } else { DeviceChoice::Wgpu }
+    };
+    devices.into_iter().map(|device| Candidate { choice: choice(&device), device }).collect()
 }
 
-#[cfg(not(feature = "cuda"))]
-fn cuda() -> Result<Opened> {
-    not_built("cuda")
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-#[cfg(any(not(feature = "wgpu"), not(feature = "cuda")))]
-fn not_built(name: &str) -> Result<Opened> {
-    Err(crate::config::bad_input(anyhow::anyhow!(
-        "--device {name}: this program was built without it; build with `cargo build --release --features {name}`, \
-         or use --device cpu"
-    )))
+    const SOFTWARE: DeviceChoice = DeviceChoice::WgpuSoftware;
+
+    #[test]
+    fn a_software_rasterizer_is_taken_only_when_it_is_asked_for() {
+        for choice in DeviceChoice::value_variants() {
+            assert_eq!(fits(*choice, SOFTWARE), *choice == SOFTWARE, "{choice:?}");
+        }
+        assert!(fits(DeviceChoice::Auto, DeviceChoice::Wgpu) && fits(DeviceChoice::Auto, DeviceChoice::Cpu));
+        assert!(!fits(DeviceChoice::Cuda, DeviceChoice::Wgpu) && !fits(SOFTWARE, DeviceChoice::Wgpu));
+    }
+
+    #[test]
+    fn software_rasterizers_are_known_by_name() {
+        let software = [
+            "llvmpipe (LLVM 15.0.6, 256 bits)",
+            "Virtio-GPU Venus (llvmpipe (LLVM 19.1.7, 256 bits))",
+            "SwiftShader Device (Subzero)",
+            "softpipe",
+            "Microsoft Basic Render Driver",
+        ];
+        let cards =
+            ["NVIDIA H100 80GB HBM3", "AMD Radeon 8060S Graphics", "Intel(R) Arc(tm) A770", "Apple M4"];
+        assert!(software.into_iter().all(is_software) && !cards.into_iter().any(is_software));
+    }
+
+    #[test]
+    fn a_panic_of_a_driver_is_an_error_with_the_words_of_its_thread() {
+        let thread = || std::thread::spawn(|| panic!("no driver {}", 7)).join().expect("the driver's thread");
+        assert_eq!(attempt(thread), Err::<(), _>("no driver 7".to_owned()));
+        assert_eq!(attempt(|| 7), Ok(7));
+    }
 }

@@ -27,3 +27,7 @@ mod pipeline;
 
 /// The registry through the command line.
 mod models;
+
+/// The wgpu path on a software Vulkan driver.
+#[cfg(feature = "wgpu")]
+mod devices;

@@ -32,6 +32,15 @@ impl Folder {
         Run { arguments: arguments.to_owned(), output }
     }
 
+    /// Runs it with one Vulkan driver alone, named by the file that announces it.
+    #[cfg(feature = "wgpu")]
+    pub(crate) fn run_with_driver(&self, driver: &str, arguments: &str) -> Run {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_flowservo"));
+        program.args(arguments.split_whitespace()).current_dir(self.0.path());
+        let output = program.env("VK_DRIVER_FILES", driver).output().unwrap();
+        Run { arguments: arguments.to_owned(), output }
+    }
+
     /// Runs it with every file that it writes limited to this many blocks of 512 or 1024 bytes: past that a write fails, as
     /// on a full disk.
     #[cfg(unix)]
