@@ -127,13 +127,7 @@ fn attempt<T>(work: impl FnOnce() -> T) -> Result<T, String> {
 
 /// Everything that this build can reach on this machine, best first.
 fn candidates() -> Vec<Candidate> {
-    let mut candidates = Vec::new();
-    #[cfg(feature = "cuda")]
-    candidates.extend(cuda());
-    #[cfg(feature = "wgpu")]
-    candidates.extend(wgpu());
-    candidates.push(cpu());
-    candidates
+    [cuda(), wgpu(), vec![cpu()]].into_iter().flatten().collect()
 }
 
 fn cpu() -> Candidate {
@@ -180,6 +174,16 @@ fn wgpu() -> Vec<Candidate> {
         if is_software(device) { DeviceChoice::WgpuSoftware } else { DeviceChoice::Wgpu }
     };
     devices.into_iter().map(|device| Candidate { choice: choice(&device), device }).collect()
+}
+
+#[cfg(not(feature = "cuda"))]
+fn cuda() -> Vec<Candidate> {
+    Vec::new()
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn wgpu() -> Vec<Candidate> {
+    Vec::new()
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@ use crate::support::Folder;
 /// A folder that holds what a checkpoint holds, with these weights.
 fn checkpoint(folder: &Folder, name: &str, weights: &str) {
     let info = r#"{
-        "format": 1,
-        "task": { "kind": "avoidance", "network": { "width": 0.1, "input": [32, 24], "head": 8 } },
+        "format": 2,
+        "task": { "kind": "avoidance", "network": { "trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8 } },
         "standardization": null,
         "camera": { "width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0 },
         "datasets": [{ "name": "avoid", "digest": "DIGEST", "rows": 4 }],

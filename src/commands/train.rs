@@ -196,7 +196,9 @@ impl Shown<'_> {
                 }
             }
             fit::Progress::Imported(imported) => {
-                report(imported).iter().for_each(|line| progress.say(&format!("{name}: {line}")));
+                for line in report(imported) {
+                    progress.say(&format!("{name}: {line}"));
+                }
             }
             fit::Progress::Step { epoch: [epoch, epochs], step: [step, steps], examples, loss } => {
                 self.samples += examples;
@@ -267,10 +269,8 @@ pub(crate) fn in_words(metrics: &Metrics) -> String {
 
 /// Where a checkpoint comes from and how good it is, for the registry.
 pub(crate) fn provenance(checkpoint: &Path) -> Result<Provenance> {
-    let path = checkpoint.join("model.json");
-    let text = std::fs::read_to_string(&path)
-        .with_context(|| format!("{}: cannot be read; is this a checkpoint's folder?", path.display()))?;
-    let info: ModelInfo = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+    let info = ModelInfo::read(checkpoint)
+        .with_context(|| format!("{} is not the folder of a checkpoint", checkpoint.display()))?;
     let mut datasets = BTreeMap::new();
     for source in &info.datasets {
         datasets.insert(source.name.clone(), format!("sha256:{}", source.digest).parse()?);

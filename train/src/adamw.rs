@@ -180,6 +180,7 @@ impl Factors {
         [value, mean, square].map(|data| Tensor::from_data(data, &device))
     }
 
+    #[allow(clippy::inline_always, reason = "vector instructions reach only what is inlined")]
     #[inline(always)]
     fn update(self, value: &mut [f32], gradient: &[f32], mean: &mut [f32], square: &mut [f32]) {
         let [factor, keep, rate, scale] =

@@ -81,12 +81,7 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Reads a checkpoint. Names the file that is missing, damaged, or of another form or architecture.
     pub fn load(directory: &Path, device: &Device) -> Result<Self> {
-        let Form { format } = read_json(&directory.join(MODEL))?;
-        if format != FORMAT {
-            let problem = format!("it has format {format}, and this program reads format {FORMAT}");
-            return Err(Error::Checkpoint { path: directory.join(MODEL), problem });
-        }
-        let info: ModelInfo = read_json(&directory.join(MODEL))?;
+        let info = ModelInfo::read(directory)?;
         let path = directory.join(WEIGHTS);
         verify(&path, &info.weights_sha256)?;
         let mut network = Network::new(&info.task, 0, device);
@@ -105,6 +100,17 @@ impl Checkpoint {
 }
 
 impl ModelInfo {
+    /// Reads what a checkpoint's directory says of itself, its format first.
+    pub fn read(directory: &Path) -> Result<Self> {
+        let path = directory.join(MODEL);
+        let Form { format } = read_json(&path)?;
+        if format != FORMAT {
+            let problem = format!("it has format {format}, and this program reads format {FORMAT}");
+            return Err(Error::Checkpoint { path, problem });
+        }
+        read_json(&path)
+    }
+
     /// Of a network that learns, or learned, a task from examples.
     pub(crate) fn new(task: &Task, examples: &Examples, standardization: Option<&Standardization>) -> Self {
         Self {

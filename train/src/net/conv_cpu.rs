@@ -143,7 +143,9 @@ pub(super) fn rectifier_gradient(g: &Geometry, output: &[f32], slope: f32, gradi
     let partials: Vec<_> =
         gradient.par_chunks_mut(length).zip(output.par_chunks(length)).map(partial).collect();
     let mut bias = vec![0.0; out];
-    partials.iter().for_each(|partial| add(&mut bias, partial));
+    for partial in &partials {
+        add(&mut bias, partial);
+    }
     bias
 }
 
@@ -212,7 +214,9 @@ pub(super) fn weight_gradient(g: &Geometry, input: &[f32], gradient: &[f32]) -> 
             })
             .collect();
         weight.par_chunks_mut(out * PATCH_ROWS).enumerate().for_each(|(i, part)| {
-            partials.iter().for_each(|partial| add(part, &partial[i * out * PATCH_ROWS..]));
+            for partial in &partials {
+                add(part, &partial[i * out * PATCH_ROWS..]);
+            }
         });
         return weight;
     }

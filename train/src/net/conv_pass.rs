@@ -123,12 +123,14 @@ impl Pass {
     }
 }
 
+/// Packs some columns into a `[patch, width]` panel of zeros.
+pub(super) type Pack<'a> = dyn Fn(Range<usize>, usize, &mut [f32]) + Sync + 'a;
+
 /// The right side of a product, to be packed in panels that the tiles read from front to end.
 pub(super) struct Panels<'a> {
     pub(super) patch: usize,
     pub(super) columns: usize,
-    /// Packs some columns into a `[patch, width]` panel of zeros.
-    pub(super) pack: &'a (dyn Fn(Range<usize>, usize, &mut [f32]) + Sync),
+    pub(super) pack: &'a Pack<'a>,
     /// Of each column; empty for none.
     pub(super) bias: &'a [f32],
     /// Of the rectifier; 1 for none.
