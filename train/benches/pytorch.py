@@ -235,21 +235,26 @@ def check_case(case, ours, tolerance):
     oracle, single = (
         computed_by_theirs(case, weights, sample, CHECKED_STEPS, dtype) for dtype in (torch.float64, torch.float32)
     )
-    mine, single = differences(mine, oracle), differences(single, oracle)
+    # Where a value lies within rounding of a rectifier's kink, single precision may take the other side: that is right
+    # if PyTorch's single precision takes it too.
+    double, twin = differences(mine, oracle), differences(mine, single)
+    single = differences(single, oracle)
+    found = {name: min(double[name], twin[name]) for name in double}
     # AdamW's first steps have the sign of the gradient, and rounding decides it where the gradient is small.
-    limit = dict.fromkeys(mine, tolerance) | {LAST_LOSS: 100 * tolerance}
-    for name, found in mine.items():
-        verdict = "" if found <= limit[name] else "   TOO MUCH"
-        print(f"  {name:<44} {found:9.1e} {single[name]:12.1e}{verdict}")
-    return sum(not found <= limit[name] for name, found in mine.items())
+    limit = dict.fromkeys(found, tolerance) | {LAST_LOSS: 100 * tolerance}
+    for name in found:
+        verdict = "" if found[name] <= limit[name] else "   TOO MUCH"
+        print(f"  {name:<44} {double[name]:9.1e} {single[name]:12.1e} {twin[name]:12.1e}{verdict}")
+    return sum(not found[name] <= limit[name] for name in found)
 
 
 def check(options, ours):
-    print(f"Relative differences from PyTorch in double precision: at most {options.tolerance:g} is right")
+    print("Relative differences from PyTorch in double precision, of ours and of PyTorch in single precision, and of the two")
+    print(f"from each other. Ours is right where it is at most {options.tolerance:g} from either")
     print(f"({LAST_LOSS}: {100 * options.tolerance:g})")
     failed = 0
     for text in options.cases or CHECKS:
-        print(f"\n{text:<46} flowservo  PyTorch f32")
+        print(f"\n{text:<46} flowservo  PyTorch f32   each other")
         failed += check_case(Case.parse(text, options.head), ours, options.tolerance)
     print(f"\n{failed} differences are too large" if failed else "\nall agree")
     return failed
