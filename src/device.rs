@@ -16,7 +16,7 @@ pub(crate) enum DeviceChoice {
     Cpu,
     /// A graphics processor through Vulkan, or through Metal on a Mac (cargo feature `wgpu`).
     Wgpu,
-    /// A Vulkan driver that computes on the CPU: slow, a test of `wgpu` without a graphics processor.
+    /// A driver that computes on the CPU: slow, a test of `wgpu` without a graphics processor (cargo feature `wgpu-software`).
     WgpuSoftware,
     /// An NVIDIA graphics processor through CUDA (cargo feature `cuda`).
     Cuda,
@@ -31,7 +31,8 @@ impl DeviceChoice {
     /// The cargo feature that it needs and that this build lacks.
     fn missing_feature(self) -> Option<&'static str> {
         match self {
-            Self::Wgpu | Self::WgpuSoftware if !cfg!(feature = "wgpu") => Some("wgpu"),
+            Self::Wgpu if !cfg!(feature = "wgpu-software") => Some("wgpu"),
+            Self::WgpuSoftware if !cfg!(feature = "wgpu-software") => Some("wgpu-software"),
             Self::Cuda if !cfg!(feature = "cuda") => Some("cuda"),
             _ => None,
         }
@@ -135,18 +136,18 @@ fn cpu() -> Candidate {
 }
 
 /// The name of the card behind a device; none for the CPU.
-#[cfg(any(feature = "wgpu", feature = "cuda"))]
+#[cfg(any(feature = "wgpu-software", feature = "cuda"))]
 fn card(device: &Device) -> Option<String> {
     device.identity().map(|identity| identity.name)
 }
 
-#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+#[cfg(not(any(feature = "wgpu-software", feature = "cuda")))]
 fn card(_: &Device) -> Option<String> {
     None
 }
 
 /// What drivers report of a kind; nothing if they fail.
-#[cfg(any(feature = "wgpu", feature = "cuda"))]
+#[cfg(any(feature = "wgpu-software", feature = "cuda"))]
 fn enumerate(kind: burn::tensor::DeviceType) -> Vec<Device> {
     attempt(|| Device::enumerate(kind).into_vec()).unwrap_or_default()
 }
@@ -158,7 +159,7 @@ fn cuda() -> Vec<Candidate> {
 }
 
 /// Cards with memory of their own come first, software rasterizers last.
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "wgpu-software")]
 fn wgpu() -> Vec<Candidate> {
     use burn::backend::{CubeDevice, DispatchDevice, WgpuDevice, WgpuDeviceKind};
 
@@ -181,7 +182,7 @@ fn cuda() -> Vec<Candidate> {
     Vec::new()
 }
 
-#[cfg(not(feature = "wgpu"))]
+#[cfg(not(feature = "wgpu-software"))]
 fn wgpu() -> Vec<Candidate> {
     Vec::new()
 }

@@ -137,7 +137,7 @@ fn models_that_are_none_or_another() {
     folder.run(&damaged).fails(1, &["weights.safetensors"]);
 }
 
-#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+#[cfg(not(any(feature = "wgpu-software", feature = "cuda")))]
 #[test]
 fn a_device_that_is_not_there() {
     let folder = Folder::new();

@@ -29,5 +29,5 @@ mod pipeline;
 mod models;
 
 /// The wgpu path on a software Vulkan driver.
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "wgpu-software")]
 mod devices;
