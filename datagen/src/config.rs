@@ -1,6 +1,8 @@
 //! What a file in `configs/datasets/` says. It is complete: no key has a default.
 
 use crate::error::{Error, Result};
+use crate::object_config::{ObstacleConfig, TargetConfig};
+use crate::randomization_config::RandomizationConfig;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use world::WorldConfig;
@@ -29,6 +31,8 @@ pub struct DatasetConfig {
     pub motions: Vec<MotionConfig>,
     /// What a drawn example must fulfill.
     pub rejection: RejectionConfig,
+    /// What differs from example to example beyond the paper.
+    pub randomization: RandomizationConfig,
 }
 
 /// What a row is.
@@ -48,58 +52,6 @@ impl fmt::Display for Kind {
             Self::Avoidance => "avoidance",
         })
     }
-}
-
-/// Shape of an object on the table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ShapeName {
-    /// A box: long side along x, short side along y.
-    Cuboid,
-    /// An upright cylinder; the short side is its diameter.
-    Cylinder,
-}
-
-/// What the target is and where it stands; `[from, to]` are drawn evenly.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TargetConfig {
-    /// Shapes, equally often.
-    pub shapes: Vec<ShapeName>,
-    /// Side along y, which the fingers close across.
-    pub short_side_mm: [f64; 2],
-    /// Side along x; never shorter than the short side that was drawn.
-    pub long_side_mm: [f64; 2],
-    /// Height.
-    pub height_mm: [f64; 2],
-    /// Centre in the robot frame.
-    pub x_mm: [f64; 2],
-    /// Centre in the robot frame.
-    pub y_mm: [f64; 2],
-    /// Turn about the vertical.
-    pub yaw_deg: [f64; 2],
-}
-
-/// What the obstacles are and where they stand; `[from, to]` are drawn evenly.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ObstacleConfig {
-    /// How many.
-    pub count: [u32; 2],
-    /// Shapes, equally often.
-    pub shapes: Vec<ShapeName>,
-    /// As for targets.
-    pub short_side_mm: [f64; 2],
-    /// As for targets.
-    pub long_side_mm: [f64; 2],
-    /// Height.
-    pub height_mm: [f64; 2],
-    /// Turn about the vertical.
-    pub yaw_deg: [f64; 2],
-    /// Horizontal distance of the centre from the hand: of an approach, at its goal.
-    pub distance_mm: [f64; 2],
-    /// Least free space to the target and to each other.
-    pub gap_mm: f64,
 }
 
 /// Where the hand is before and after a motion.
@@ -204,56 +156,8 @@ impl DatasetConfig {
             };
             require(format!("motions[{i}].goal"), fits, found, expected)?;
         }
-        self.rejection.validate()
-    }
-}
-
-impl TargetConfig {
-    /// Refuses values that make no target; names the key.
-    pub fn validate(&self) -> Result<()> {
-        let sides = [self.short_side_mm, self.long_side_mm, self.height_mm];
-        validate_sides("target", &self.shapes, sides)?;
-        require_interval(
-            "target.x_mm",
-            self.x_mm,
-            [-2000.0, 2000.0],
-            "[from, to], within 2000 of the robot",
-        )?;
-        require_interval(
-            "target.y_mm",
-            self.y_mm,
-            [-2000.0, 2000.0],
-            "[from, to], within 2000 of the robot",
-        )?;
-        require_interval("target.yaw_deg", self.yaw_deg, [-180.0, 180.0], "[from, to], within -180 to 180")
-    }
-}
-
-impl ObstacleConfig {
-    /// Refuses values that make no obstacles; names the key.
-    pub fn validate(&self) -> Result<()> {
-        let [from, to] = self.count;
-        require(
-            "obstacles.count",
-            from <= to && to <= 100,
-            format!("{:?}", self.count),
-            "[from, to], at most 100",
-        )?;
-        let sides = [self.short_side_mm, self.long_side_mm, self.height_mm];
-        validate_sides("obstacles", &self.shapes, sides)?;
-        require_interval(
-            "obstacles.yaw_deg",
-            self.yaw_deg,
-            [-180.0, 180.0],
-            "[from, to], within -180 to 180",
-        )?;
-        require_interval(
-            "obstacles.distance_mm",
-            self.distance_mm,
-            [0.0, 2000.0],
-            "[from, to], within 0 to 2000",
-        )?;
-        require("obstacles.gap_mm", (0.0..=1000.0).contains(&self.gap_mm), self.gap_mm, "0 to 1000")
+        self.rejection.validate()?;
+        self.randomization.validate(&self.world.light)
     }
 }
 
@@ -306,17 +210,7 @@ impl RejectionConfig {
     }
 }
 
-fn validate_sides(table: &str, shapes: &[ShapeName], sides: [[f64; 2]; 3]) -> Result<()> {
-    require(format!("{table}.shapes"), !shapes.is_empty(), "[]", "at least one shape")?;
-    for (name, side) in ["short_side_mm", "long_side_mm", "height_mm"].into_iter().zip(sides) {
-        require_interval(format!("{table}.{name}"), side, [1.0, 1000.0], "[from, to], within 1 to 1000")?;
-    }
-    let [short, long, _] = sides;
-    let expected = "a longest side that is at least the longest short side";
-    require(format!("{table}.long_side_mm"), long[1] >= short[1], format!("{long:?}"), expected)
-}
-
-fn require_interval(
+pub(crate) fn require_interval(
     key: impl Into<String>,
     value: [f64; 2],
     within: [f64; 2],
@@ -326,7 +220,7 @@ fn require_interval(
     require(key, holds, format!("{value:?}"), expected)
 }
 
-fn require(
+pub(crate) fn require(
     key: impl Into<String>,
     holds: bool,
     value: impl fmt::Display,

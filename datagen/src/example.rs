@@ -2,9 +2,12 @@
 
 use crate::config::{DatasetConfig, Kind};
 use crate::error::{Error, Result};
-use crate::placement::{Placement, Sampler};
+use crate::placement::{HandPlacement, Placement, Sampler};
 use crate::png;
+use crate::randomization::Randomizer;
 use crate::range::stream;
+use nalgebra::Isometry3;
+use world::Sensor;
 use world::environment::Environment;
 
 /// One example.
@@ -14,6 +17,10 @@ pub struct Example {
     pub index: u64,
     /// Scene and hand poses.
     pub placement: Placement,
+    /// The camera's mount on the hand.
+    pub hand_from_camera: Isometry3<f64>,
+    /// What the camera's sensor did to the images.
+    pub sensor: Sensor,
     /// The wrist image of each hand pose, as PNG.
     pub images: Vec<Vec<u8>>,
     /// Avoidance map of the only hand pose, Eq. (1); empty for an approach.
@@ -50,14 +57,25 @@ impl<'a> Collector<'a> {
 
     fn collect(&self, index: u64) -> Result<Example> {
         let DatasetConfig { target, obstacles, motions, rejection, .. } = self.config;
+        let mut randomizer = Randomizer::new(self.config, index);
+        let hand_from_camera = randomizer.mount(&self.environment.camera.hand_from_camera);
+        let sensor = randomizer.sensor();
         let sampler = Sampler::new(&self.environment, target, obstacles, motions, rejection);
-        let (placement, images) = sampler.draw(&mut stream(self.config.seed, index))?;
-        let images = images.iter().map(png::encode).collect::<Result<_>>()?;
+        let sampler = sampler.mounted(&hand_from_camera);
+        let mut placement = sampler.draw(&mut stream(self.config.seed, index))?;
+        randomizer.dress(&mut placement.scene);
+        let image = |hand: &HandPlacement| {
+            let robot_from_camera = hand.pose.robot_from_hand() * hand_from_camera;
+            let mut image = self.environment.renderer.color(&placement.scene, &robot_from_camera);
+            sensor.expose(&mut image, randomizer.seed());
+            png::encode(&image)
+        };
+        let images = placement.hands.iter().map(image).collect::<Result<_>>()?;
         let avoidance = match self.config.kind {
             Kind::Approach => Vec::new(),
             Kind::Avoidance => self.avoidance(&placement),
         };
-        Ok(Example { index, placement, images, avoidance })
+        Ok(Example { index, placement, hand_from_camera, sensor, images, avoidance })
     }
 
     fn avoidance(&self, placement: &Placement) -> Vec<f32> {

@@ -2,11 +2,11 @@
 //!
 //! Datasets and servo sessions are placed by the same code.
 
-use crate::config::{MotionConfig, ObstacleConfig, Obstruction, RejectionConfig, ShapeName, TargetConfig};
+use crate::config::{MotionConfig, Obstruction, RejectionConfig};
 use crate::error::{Error, Result};
+use crate::object_config::{ObstacleConfig, ShapeName, TargetConfig};
 use crate::range::{PoseRange, uniform};
 use crate::rejection::{Reason, Rejections};
-use image::RgbImage;
 use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -43,6 +43,7 @@ pub struct HandPlacement {
 #[derive(Clone)]
 pub struct Sampler<'a> {
     environment: &'a Environment,
+    camera: Camera,
     judge: Renderer,
     target: &'a TargetConfig,
     obstacles: &'a ObstacleConfig,
@@ -59,28 +60,31 @@ impl<'a> Sampler<'a> {
         motions: &'a [MotionConfig],
         rejection: &'a RejectionConfig,
     ) -> Self {
-        let camera = &environment.config.camera;
-        let height = (JUDGED_WIDTH * camera.height / camera.width).max(1);
-        let judged = CameraConfig { width: JUDGED_WIDTH, height, ..camera.clone() };
-        let judge = Renderer::new(Camera::new(&judged));
-        Self { environment, judge, target, obstacles, motions, rejection }
+        let camera = environment.camera.clone();
+        let judge = Renderer::new(judging(&camera, &environment.config.camera));
+        Self { environment, camera, judge, target, obstacles, motions, rejection }
     }
 
-    /// Draws a placement, and the wrist image of each of its hand poses.
+    /// The same for a camera that is mounted differently.
+    #[must_use]
+    pub fn mounted(mut self, hand_from_camera: &Isometry3<f64>) -> Self {
+        self.camera.hand_from_camera = *hand_from_camera;
+        self.judge = Renderer::new(judging(&self.camera, &self.environment.config.camera));
+        self
+    }
+
+    /// Draws a placement.
     ///
     /// The motion and the number of obstacles are drawn once, so that rejection shifts neither; all else is drawn again
     /// until it is acceptable.
-    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Result<(Placement, Vec<RgbImage>)> {
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Result<Placement> {
         let motion = self.motion(rng);
         let [from, to] = self.obstacles.count;
         let count = rng.random_range(from..=to);
         let mut rejections = Rejections::default();
         for _ in 0..self.rejection.tries {
             match self.attempt(motion, count, rng) {
-                Ok(placement) => {
-                    let images = self.images(&placement);
-                    return Ok((placement, images));
-                }
+                Ok(placement) => return Ok(placement),
                 Err(reason) => rejections.add(reason),
             }
         }
@@ -105,13 +109,14 @@ impl<'a> Sampler<'a> {
         rng: &mut ChaCha8Rng,
     ) -> std::result::Result<Placement, Reason> {
         let environment = self.environment;
-        let target = self.draw_target(rng);
+        let (target, yaw) = self.draw_target(rng);
         let center = target.1.translation.vector.into();
+        let turn = if self.target.hand_follows_yaw { yaw } else { 0.0 };
         let ranges = self.motions[motion].ranges().map(PoseRange::new);
-        let poses: Vec<HandPose> = ranges.map(|range| range.sample(&center, rng)).collect();
+        let poses: Vec<HandPose> = ranges.map(|range| range.sample(&center, turn, rng)).collect();
         let hands: Vec<Isometry3<f64>> = poses.iter().map(HandPose::robot_from_hand).collect();
         // Cheap questions come first.
-        if !hands.iter().all(|robot_from_hand| environment.camera.sees(robot_from_hand, &center)) {
+        if !hands.iter().all(|robot_from_hand| self.camera.sees(robot_from_hand, &center)) {
             return Err(Reason::OutOfSight);
         }
         let around = poses[poses.len() - 1].position.xy().into();
@@ -130,20 +135,14 @@ impl<'a> Sampler<'a> {
         Ok(Placement { motion, scene, hands: placed })
     }
 
-    fn images(&self, placement: &Placement) -> Vec<RgbImage> {
-        let poses = placement.hands.iter().map(|hand| hand.pose.robot_from_hand());
-        poses
-            .map(|robot_from_hand| self.environment.wrist_image(&placement.scene, &robot_from_hand))
-            .collect()
-    }
-
-    fn draw_target(&self, rng: &mut ChaCha8Rng) -> (Shape, Isometry3<f64>) {
+    /// The target with its pose, and its yaw.
+    fn draw_target(&self, rng: &mut ChaCha8Rng) -> ((Shape, Isometry3<f64>), f64) {
         let config = self.target;
         let sides = [config.short_side_mm, config.long_side_mm, config.height_mm];
         let shape = draw_shape(&config.shapes, sides, rng);
         let place = Point2::new(mm(uniform(config.x_mm, rng)), mm(uniform(config.y_mm, rng)));
         let yaw = deg(uniform(config.yaw_deg, rng));
-        (shape, self.on_table(&shape, &place, yaw))
+        ((shape, self.on_table(&shape, &place, yaw)), yaw)
     }
 
     fn draw_obstacle(&self, around: &Point2<f64>, rng: &mut ChaCha8Rng) -> (Shape, Isometry3<f64>) {
@@ -151,7 +150,7 @@ impl<'a> Sampler<'a> {
         let sides = [config.short_side_mm, config.long_side_mm, config.height_mm];
         let shape = draw_shape(&config.shapes, sides, rng);
         let distance = mm(uniform(config.distance_mm, rng));
-        let (sin, cos) = uniform([0.0, TAU], rng).sin_cos();
+        let (sin, cos) = libm::sincos(uniform([0.0, TAU], rng));
         let yaw = deg(uniform(config.yaw_deg, rng));
         (shape, self.on_table(&shape, &(around + Vector2::new(cos, sin) * distance), yaw))
     }
@@ -210,6 +209,13 @@ impl<'a> Sampler<'a> {
 /// resolution of its images.
 const JUDGED_WIDTH: u32 = 64;
 
+/// A camera of few pixels in the place of one.
+fn judging(camera: &Camera, config: &CameraConfig) -> Camera {
+    let height = (JUDGED_WIDTH * config.height / config.width).max(1);
+    let judging = Camera::new(&CameraConfig { width: JUDGED_WIDTH, height, ..config.clone() });
+    Camera { hand_from_camera: camera.hand_from_camera, ..judging }
+}
+
 /// The target's number in an instance map.
 const TARGET: u16 = 1;
 
@@ -222,6 +228,7 @@ fn draw_shape(shapes: &[ShapeName], [short, long, height]: [[f64; 2]; 3], rng: &
     match name {
         ShapeName::Cuboid => Shape::Cuboid { half_extents: Vector3::new(half_long, half_short, half_height) },
         ShapeName::Cylinder => Shape::Cylinder { radius: half_short, half_height },
+        ShapeName::Sphere => Shape::Sphere { radius: half_short },
     }
 }
 
@@ -237,7 +244,7 @@ mod tests {
         let environment = Environment::new(&config.world).unwrap();
         let DatasetConfig { target, obstacles, motions, rejection, .. } = config;
         let sampler = Sampler::new(&environment, target, obstacles, motions, rejection);
-        (0..count).map(|index| sampler.draw(&mut stream(config.seed, index)).unwrap().0).collect()
+        (0..count).map(|index| sampler.draw(&mut stream(config.seed, index)).unwrap()).collect()
     }
 
     #[test]

@@ -40,11 +40,11 @@ impl PoseRange {
         }
     }
 
-    /// Draws a pose evenly.
-    pub fn sample(&self, target_center: &Point3<f64>, rng: &mut ChaCha8Rng) -> HandPose {
+    /// Draws a pose evenly; `ψ` counts from `turn` \[rad\].
+    pub fn sample(&self, target_center: &Point3<f64>, turn: f64, rng: &mut ChaCha8Rng) -> HandPose {
         let mut around_zero = |half: f64| uniform([-half, half], rng);
         let offset = self.position.map(&mut around_zero);
-        let angles = self.angles.map(&mut around_zero);
+        let angles = self.angles.map(&mut around_zero) + Vector3::z() * turn;
         HandPose { position: target_center.coords + Vector3::z() * self.reference + offset, angles }
     }
 }
@@ -65,7 +65,7 @@ mod tests {
     fn draws_fill_the_range_evenly() {
         let target = Point3::new(0.3, 0.2, -0.01);
         let mut rng = stream(7, 0);
-        let draws: Vec<HandPose> = (0..20_000).map(|_| range_1().sample(&target, &mut rng)).collect();
+        let draws: Vec<HandPose> = (0..20_000).map(|_| range_1().sample(&target, 0.0, &mut rng)).collect();
         // An even draw on [c - h, c + h] has mean c and variance h²/3.
         let check = |center: f64, half: f64, value: &dyn Fn(&HandPose) -> f64| {
             let offsets: Vec<f64> = draws.iter().map(|draw| (value(draw) - center) / half).collect();

@@ -13,6 +13,7 @@ use arrow_array::{
     StringArray, StructArray, UInt64Array,
 };
 use arrow_schema::{DataType, Field, Fields, Schema};
+use nalgebra::Isometry3;
 use std::collections::HashMap;
 use std::sync::Arc;
 use world::LabelForm;
@@ -143,11 +144,13 @@ fn surroundings() -> Vec<Column> {
             })
         }),
         column("hand_from_camera", "m", "the camera on the hand: x y z, quaternion x y z w", {
-            Content::Doubles(7, |collector, _| {
-                let mount = &collector.environment().camera.hand_from_camera;
-                let (position, rotation) = (mount.translation.vector, mount.rotation.coords);
-                position.iter().chain(rotation.iter()).copied().collect()
+            Content::Doubles(7, |_, e| {
+                let Isometry3 { translation, rotation } = &e.hand_from_camera;
+                translation.vector.iter().chain(rotation.coords.iter()).copied().collect()
             })
+        }),
+        column("sensor", "pixels, 1", "standard deviations of blur and of noise, a share of full scale", {
+            Content::Doubles(2, |_, e| vec![e.sensor.blur, e.sensor.noise])
         }),
     ]
 }

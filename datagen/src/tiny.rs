@@ -18,8 +18,13 @@ pub(crate) fn table(name: &str) -> Table {
         _ => panic!("no such dataset: {name}"),
     };
     let mut table: Table = text.parse().unwrap();
-    let world: Table = include_str!("../../configs/world.toml").parse().unwrap();
-    table.insert("world".to_owned(), world.into());
+    let extended = [
+        ("world", include_str!("../../configs/world.toml")),
+        ("randomization", include_str!("../../configs/randomization.toml")),
+    ];
+    for (key, text) in extended {
+        table.insert(key.to_owned(), text.parse::<Table>().unwrap().into());
+    }
     table
 }
 

@@ -2,7 +2,7 @@
 
 use crate::config::EvalConfig;
 use crate::error::{Error, Result};
-use datagen::config::ObstacleConfig;
+use datagen::object_config::ObstacleConfig;
 use datagen::placement::Sampler;
 use datagen::range::stream;
 use image::RgbImage;
@@ -43,17 +43,17 @@ impl Trial {
         let sampler = Sampler::new(environment, target, &obstacles, motions, rejection);
         for _ in 0..rejection.tries {
             let drawn = sampler.draw(&mut rng);
-            let (placement, mut images) = drawn.map_err(|source| Error::Trial { index, source })?;
+            let placement = drawn.map_err(|source| Error::Trial { index, source })?;
             // A validated motion has a current and a goal pose, in this order.
             let [start, goal] = [placement.hands[0], placement.hands[1]];
             let hands = [start.pose, goal.pose].map(|pose| pose.robot_from_hand());
             let scene = placement.scene;
             if hands.iter().all(|hand| is_clear(environment, hand, &scene, config.clearance())) {
                 let [_, robot_from_goal] = hands;
-                let (seed, goal_image) = (config.seed, images.swap_remove(1));
+                let goal_image = environment.wrist_image(&scene, &robot_from_goal);
                 return Ok(Self {
                     index,
-                    seed,
+                    seed: config.seed,
                     scene,
                     start_joints: start.joints,
                     robot_from_goal,

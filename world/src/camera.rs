@@ -31,7 +31,7 @@ impl Camera {
         Self {
             width: config.width,
             height: config.height,
-            focal: half_width / (deg(config.horizontal_fov_deg) / 2.0).tan(),
+            focal: half_width / libm::tan(deg(config.horizontal_fov_deg) / 2.0),
             center: Point2::new(half_width, f64::from(config.height) / 2.0),
             hand_from_camera: Isometry3::from_parts(
                 Translation3::new(0.0, 0.0, -mm(config.behind_hand_mm)),

@@ -52,7 +52,7 @@ impl EdgeInRow {
             return (end - 0.5 * (self.from + self.to)).clamp(0.0, 1.0);
         }
         // Integral of clamp(w, 0, 1).
-        let integral = |w: f64| if w < 1.0 { w.max(0.0).powi(2) / 2.0 } else { w - 0.5 };
+        let integral = |w: f64| if w < 1.0 { w.max(0.0) * w.max(0.0) / 2.0 } else { w - 0.5 };
         (integral(end - self.from) - integral(end - self.to)) / run
     }
 

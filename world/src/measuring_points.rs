@@ -29,7 +29,8 @@ impl MeasuringPoints {
             } else {
                 (longitude + 3.6 / ((count as f64).sqrt() * ring)) % std::f64::consts::TAU
             };
-            Unit::new_normalize(Vector3::new(ring * longitude.cos(), ring * longitude.sin(), height))
+            let (sin, cos) = libm::sincos(longitude);
+            Unit::new_normalize(Vector3::new(ring * cos, ring * sin, height))
         });
         Self { directions: directions.collect() }
     }

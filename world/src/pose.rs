@@ -101,7 +101,8 @@ fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let (first, second) = if a < 1e-4 {
         (0.5 - a * a / 24.0, 1.0 / 6.0 - a * a / 120.0)
     } else {
-        ((1.0 - a.cos()) / (a * a), (a - a.sin()) / (a * a * a))
+        let (sin, cos) = libm::sincos(a);
+        ((1.0 - cos) / (a * a), (a - sin) / (a * a * a))
     };
     Matrix3::identity() + cross * first + cross * cross * second
 }
@@ -113,7 +114,8 @@ fn left_jacobian_inverse(w: &Vector3<f64>) -> Matrix3<f64> {
     let second = if a < 1e-4 {
         1.0 / 12.0 + a * a / 720.0
     } else {
-        (1.0 - a * (0.5 * a).cos() / (2.0 * (0.5 * a).sin())) / (a * a)
+        let (sin, cos) = libm::sincos(0.5 * a);
+        (1.0 - a * cos / (2.0 * sin)) / (a * a)
     };
     Matrix3::identity() - cross * 0.5 + cross * cross * second
 }

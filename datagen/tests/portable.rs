@@ -1,0 +1,44 @@
+//! The same bytes on every machine: digests of small datasets, as they were written on x86-64 and on 64-bit Arm.
+
+#![forbid(unsafe_code)]
+#![allow(clippy::unwrap_used)]
+
+use datagen::{DatasetConfig, Options, generate};
+use std::sync::atomic::AtomicBool;
+use toml::Table;
+
+/// A shipped configuration with a small camera and twelve rows.
+fn config(dataset: &str) -> DatasetConfig {
+    let mut table: Table = dataset.parse().unwrap();
+    let extended = [
+        ("world", include_str!("../../configs/world.toml")),
+        ("randomization", include_str!("../../configs/randomization.toml")),
+    ];
+    for (key, text) in extended {
+        table.insert(key.to_owned(), text.parse::<Table>().unwrap().into());
+    }
+    let mut config = DatasetConfig::from_table(table).unwrap();
+    (config.count, config.rows_per_shard) = (12, 5);
+    (config.world.camera.width, config.world.camera.height) = (96, 72);
+    config
+}
+
+/// The first digits of a dataset's digest.
+fn digest(config: &DatasetConfig) -> String {
+    let dir = tempfile::tempdir().unwrap();
+    let options = Options { stop: &AtomicBool::new(false) };
+    generate(config, dir.path(), &options, &|_| {}).unwrap().digest[..16].to_owned()
+}
+
+/// A change here is a change of every dataset: it belongs into CHANGELOG.md.
+#[test]
+fn datasets_have_the_digests_of_other_machines() {
+    let datasets = [
+        ("a", include_str!("../../configs/datasets/a.toml"), "e986dcf0a5e8a281"),
+        ("b", include_str!("../../configs/datasets/b.toml"), "274d32f7b0873c86"),
+        ("c", include_str!("../../configs/datasets/c.toml"), "f6d1afc376d675bd"),
+        ("avoid", include_str!("../../configs/datasets/avoid.toml"), "dfee604a1cfede60"),
+    ];
+    let found = datasets.map(|(name, text, _)| (name, digest(&config(text))));
+    assert_eq!(found, datasets.map(|(name, _, expected)| (name, expected.to_owned())));
+}
