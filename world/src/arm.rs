@@ -94,7 +94,7 @@ impl Arm {
             limb(&wrist, &flange, 0.035),
             limb(&flange, &palm, 0.030),
         ];
-        let material = Material { color, cross: None };
+        let material = Material { color, cross: None, texture: None };
         solids.map(|(shape, robot_from_body)| Body { shape, robot_from_body, material }).into()
     }
 }

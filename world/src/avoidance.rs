@@ -96,7 +96,7 @@ mod tests {
 
     fn body(shape: Shape, position: [f64; 3], turn: [f64; 3]) -> Body {
         let robot_from_body = Isometry3::new(position.into(), turn.into());
-        Body { shape, robot_from_body, material: Material { color: [0.5; 3], cross: None } }
+        Body { shape, robot_from_body, material: Material { color: [0.5; 3], cross: None, texture: None } }
     }
 
     fn cuboid(sides: [f64; 3]) -> Shape {

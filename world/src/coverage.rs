@@ -3,9 +3,10 @@
 
 use crate::scan::{Cell, Edge};
 use crate::scene::Color;
-use crate::surface::{Patch, QuadricOnLine, Surface};
+use crate::surface::{Patch, SurfaceOnLine};
+use crate::texture::{TextureInView, Weave};
 use crate::view::View;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector3};
 use std::ops::Range;
 
 /// Writes an image row by row. In a row that lies within one cell, pixels of one patch are written at once; all others
@@ -22,6 +23,8 @@ pub(crate) struct Canvas<'a> {
     /// Does the current row consist of several cells?
     is_mixed: bool,
     edges: Vec<EdgeInRow>,
+    /// Looks at the patches' textures.
+    weaves: Vec<Option<Weave<'a>>>,
 }
 
 /// Red, green and blue, each times the area, and the area.
@@ -66,7 +69,9 @@ impl<'a> Canvas<'a> {
     pub(crate) fn new(view: &'a View<'a>, bytes: &'a mut [u8]) -> Self {
         let width = view.camera.width as usize;
         let (sums, steps) = (vec![Sum::default(); width], vec![Sum::default(); width + 1]);
-        Self { view, bytes, sums, summed: Vec::new(), steps, is_mixed: false, edges: Vec::new() }
+        let weaves =
+            view.patches.iter().map(|patch| patch.texture.as_ref().map(TextureInView::weave)).collect();
+        Self { view, bytes, sums, summed: Vec::new(), steps, is_mixed: false, edges: Vec::new(), weaves }
     }
 
     /// Draws a cell; cells come from top to bottom without gaps.
@@ -87,8 +92,9 @@ impl<'a> Canvas<'a> {
     }
 
     fn draw_span(&mut self, row: usize, [top, bottom]: [f64; 2], [left, right]: [EdgeInRow; 2], patch: u16) {
+        let weave = self.weaves[usize::from(patch)].as_mut();
         let patch = &self.view.patches[usize::from(patch)];
-        let shade = Shade::new(self.view, patch, 0.5 * (top + bottom));
+        let mut shade = Shade::new(self.view, patch, 0.5 * (top + bottom), weave);
         let height = bottom - top;
         let (begin, end) = (left.from.floor() as usize, right.to.ceil() as usize);
         let inner = left.to.ceil() as usize..right.from.floor() as usize;
@@ -110,18 +116,18 @@ impl<'a> Canvas<'a> {
         sum_up(inner.end..end);
         let start = 3 * self.sums.len() * row;
         let bytes = &mut self.bytes[start + 3 * inner.start..start + 3 * inner.end];
-        match (shade.is_flat(), self.is_mixed) {
-            (true, true) => {
-                add(&mut self.steps[inner.start], patch.color, height);
-                add(&mut self.steps[inner.end], patch.color, -height);
+        match (shade.constant, self.is_mixed) {
+            (Some(color), true) => {
+                add(&mut self.steps[inner.start], color, height);
+                add(&mut self.steps[inner.end], color, -height);
             }
-            (false, true) => {
+            (None, true) => {
                 for pixel in inner {
                     add(&mut self.sums[pixel], shade.color(pixel as f64 + 0.5), height);
                 }
             }
-            (true, false) => fill(bytes, to_bytes(patch.color)),
-            (false, false) => {
+            (Some(color), false) => fill(bytes, to_bytes(color)),
+            (None, false) => {
                 for (pixel, bytes) in inner.zip(bytes.chunks_exact_mut(3)) {
                     bytes.copy_from_slice(&to_bytes(shade.color(pixel as f64 + 0.5)));
                 }
@@ -164,31 +170,49 @@ impl<'a> Canvas<'a> {
 }
 
 /// The color of a patch along an image line.
-struct Shade<'a> {
-    patch: &'a Patch,
-    quadric: Option<QuadricOnLine<'a>>,
+struct Shade<'a, 'b> {
     view: &'a View<'a>,
+    patch: &'a Patch,
+    /// The color of all the line, if it has but one.
+    constant: Option<Color>,
+    /// The line's y.
+    y: f64,
+    surface: SurfaceOnLine<'a>,
+    weave: Option<&'a mut Weave<'b>>,
 }
 
-impl<'a> Shade<'a> {
-    fn new(view: &'a View<'a>, patch: &'a Patch, v: f64) -> Self {
-        let quadric = match &patch.surface {
-            Surface::Round(quadric) => Some(quadric.on_line(view.camera.ray(&Point2::new(0.0, v)).y)),
-            Surface::Void | Surface::Flat(_) => None,
+impl<'a, 'b> Shade<'a, 'b> {
+    fn new(view: &'a View<'a>, patch: &'a Patch, v: f64, weave: Option<&'a mut Weave<'b>>) -> Self {
+        let y = view.camera.ray(&Point2::new(0.0, v)).y;
+        let surface = patch.surface.on_line(y);
+        let is_constant = weave.is_none() && matches!(surface, SurfaceOnLine::Flat(_));
+        let constant = is_constant.then(|| lit(patch.color, patch.brightness));
+        Self { view, patch, constant, y, surface, weave }
+    }
+
+    fn color(&mut self, u: f64) -> Color {
+        if let Some(color) = self.constant {
+            return color;
+        }
+        let (camera, patch) = (self.view.camera, self.patch);
+        let ray = Vector3::new((u - camera.center.x) / camera.focal, self.y, 1.0);
+        let (nearness, normal, brightness) = match &self.surface {
+            SurfaceOnLine::Flat(plane) => (plane.dot(&ray), **plane, patch.brightness),
+            SurfaceOnLine::Round(quadric) => {
+                let (nearness, normal) = quadric.entry(ray.x);
+                (nearness, normal, self.view.light.on(&normal))
+            }
         };
-        Self { patch, quadric, view }
+        let color = match &mut self.weave {
+            Some(weave) => weave.dye(patch.color, &ray, nearness, &normal),
+            None => patch.color,
+        };
+        lit(color, brightness)
     }
+}
 
-    fn is_flat(&self) -> bool {
-        self.quadric.is_none()
-    }
-
-    fn color(&self, u: f64) -> Color {
-        let Some(quadric) = &self.quadric else { return self.patch.color };
-        let camera = self.view.camera;
-        let brightness = quadric.brightness((u - camera.center.x) / camera.focal, &self.view.light);
-        self.patch.color.map(|c| c * brightness)
-    }
+fn lit(color: Color, brightness: f64) -> Color {
+    color.map(|c| c * brightness)
 }
 
 fn plus(a: Sum, b: Sum) -> Sum {

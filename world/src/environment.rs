@@ -53,7 +53,7 @@ impl Environment {
         let body = |(shape, robot_from_body), color: Color, cross| Body {
             shape,
             robot_from_body,
-            material: Material { color, cross },
+            material: Material { color, cross, texture: None },
         };
         let sides = target.0.half_extents() * 2.0;
         let cross = Cross { color: colors.cross, width: colors.cross_width * sides.x.min(sides.y) };
@@ -109,7 +109,10 @@ mod tests {
         let obstacle = (Shape::Cylinder { radius: 0.02, half_height: 0.02 }, on_table(0.45, 0.2));
         let scene = world.scene((cuboid([0.12, 0.04, 0.03]), on_table(0.36, 0.18)), vec![obstacle]);
         let colors = config().colors;
-        assert_eq!(scene.obstacles[0].material, Material { color: colors.obstacle, cross: None });
+        assert_eq!(
+            scene.obstacles[0].material,
+            Material { color: colors.obstacle, cross: None, texture: None }
+        );
         assert_relative_eq!(scene.target.material.cross.unwrap().width, 0.25 * 0.04, epsilon = 1e-12);
         assert_relative_eq!(scene.table.height(), -0.02, epsilon = 1e-12);
     }

@@ -59,7 +59,7 @@ impl Hand {
 
     /// Palm and fingers in the robot's space.
     pub fn bodies(&self, robot_from_hand: &Isometry3<f64>, color: Color) -> Vec<Body> {
-        let material = Material { color, cross: None };
+        let material = Material { color, cross: None, texture: None };
         let body = |&(half_extents, center): &(Vector3<f64>, Vector3<f64>)| Body {
             shape: Shape::Cuboid { half_extents },
             robot_from_body: robot_from_hand * Isometry3::from(center),
@@ -128,7 +128,7 @@ mod tests {
         Body {
             shape: Shape::Cuboid { half_extents: Vector3::from(sides) / 2.0 },
             robot_from_body: Isometry3::translation(center[0], center[1], center[2]),
-            material: Material { color: [0.5; 3], cross: None },
+            material: Material { color: [0.5; 3], cross: None, texture: None },
         }
     }
 

@@ -2,6 +2,7 @@
 
 use crate::config::{LightConfig, TableConfig};
 use crate::shape::Shape;
+use crate::texture::Texture;
 use crate::units::mm;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,9 @@ pub struct Material {
     pub color: Color,
     /// A cross on the upper side, if any.
     pub cross: Option<Cross>,
+    /// The body's pattern, if any; the cross is painted on thinly and has it too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<Texture>,
 }
 
 /// The cross on top of the target: every point of the upper side with `|x|` or `|y|` below half the bar's width.
@@ -47,6 +51,9 @@ pub struct Table {
     pub half_size: [f64; 2],
     /// Its color.
     pub color: Color,
+    /// Its pattern, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<Texture>,
 }
 
 impl Table {
@@ -57,6 +64,7 @@ impl Table {
             center: Point3::new(x, y, z),
             half_size: config.size_mm.map(|s| mm(s) / 2.0),
             color: config.color,
+            texture: None,
         }
     }
 

@@ -3,7 +3,8 @@
 //! A ray through an image point is `(x, y, 1)`, so that its length parameter is the depth z. Surfaces answer with the
 //! *nearness* 1/z, which is linear over the image for a plane and 0 where there is nothing.
 
-use crate::scene::{Color, Light};
+use crate::scene::Color;
+use crate::texture::TextureInView;
 use nalgebra::{Matrix3, Vector3};
 
 /// A part of the image's contents that has one material and lies on one surface.
@@ -13,16 +14,18 @@ pub(crate) struct Patch {
     pub(crate) instance: u16,
     /// Where it lies.
     pub(crate) surface: Surface,
-    /// Its color; that of a flat surface is already lit.
+    /// Its color.
     pub(crate) color: Color,
+    /// Brightness of a flat surface.
+    pub(crate) brightness: f64,
+    /// Its texture, if any.
+    pub(crate) texture: Option<TextureInView>,
 }
 
 /// The geometry of a patch.
 #[derive(Debug, Clone)]
 pub(crate) enum Surface {
-    /// Nothing at all.
-    Void,
-    /// A plane, whose nearness along a ray is the product with this vector.
+    /// A plane, whose nearness along a ray is the product with this vector; 0 for nothing at all.
     Flat(Vector3<f64>),
     /// A sphere, or the side of a cylinder.
     Round(Quadric),
@@ -32,11 +35,27 @@ impl Surface {
     /// 1/z along a ray which is known to meet the surface.
     pub(crate) fn nearness(&self, ray: &Vector3<f64>) -> f64 {
         match self {
-            Self::Void => 0.0,
             Self::Flat(plane) => plane.dot(ray),
             Self::Round(quadric) => quadric.on_line(ray.y).nearness(ray.x),
         }
     }
+
+    /// The surface as the image line with this y has it.
+    pub(crate) fn on_line(&self, y: f64) -> SurfaceOnLine<'_> {
+        match self {
+            Self::Flat(plane) => SurfaceOnLine::Flat(plane),
+            Self::Round(quadric) => SurfaceOnLine::Round(quadric.on_line(y)),
+        }
+    }
+}
+
+/// A surface along an image line.
+#[derive(Debug)]
+pub(crate) enum SurfaceOnLine<'a> {
+    /// See [`Surface::Flat`].
+    Flat(&'a Vector3<f64>),
+    /// See [`Surface::Round`].
+    Round(QuadricOnLine<'a>),
 }
 
 /// A sphere or an endless cylinder: the points p with `|across (p - center)| = radius`.
@@ -117,11 +136,12 @@ impl QuadricOnLine<'_> {
         (towards + discriminant.max(0.0).sqrt()) / self.quadric.power
     }
 
-    /// Brightness where the ray enters. `light` is in the camera frame.
-    pub(crate) fn brightness(&self, x: f64, light: &Light) -> f64 {
+    /// 1/z and the unit normal where the ray enters.
+    pub(crate) fn entry(&self, x: f64) -> (f64, Vector3<f64>) {
         let ray_across = self.quadric.across.column(0) * x + self.offset_across;
-        let point_across = ray_across * (1.0 / self.nearness(x));
-        light.on(&((point_across - self.quadric.center) * (1.0 / self.quadric.radius)))
+        let nearness = self.nearness(x);
+        let point_across = ray_across * (1.0 / nearness);
+        (nearness, (point_across - self.quadric.center) * (1.0 / self.quadric.radius))
     }
 
     /// x of the rays that touch it.

@@ -2,11 +2,12 @@
 
 use crate::camera::Camera;
 use crate::geometry::overlap;
-use crate::scene::{Body, Color, Light, Scene};
+use crate::scene::{Body, Color, Light, Scene, Table};
 use crate::shape::Shape;
 use crate::silhouette::{CrossInView, Ends, Face, Round, Silhouette};
 use crate::surface::{Patch, Quadric, Surface, roots};
-use nalgebra::{Isometry3, Matrix3, Point3, UnitVector3, Vector3};
+use crate::texture::TextureInView;
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitVector3, Vector3};
 
 /// What the camera may see.
 #[derive(Debug)]
@@ -30,6 +31,7 @@ struct Paint {
     instance: u16,
     color: Color,
     cross: Option<(CrossInView, Color)>,
+    texture: Option<TextureInView>,
 }
 
 impl<'a> View<'a> {
@@ -40,7 +42,13 @@ impl<'a> View<'a> {
         let mut view = Self {
             camera,
             light: Light { towards_light: UnitVector3::new_unchecked(towards_light), ..scene.light },
-            patches: vec![Patch { instance: 0, surface: Surface::Void, color: scene.background }],
+            patches: vec![Patch {
+                instance: 0,
+                surface: Surface::Flat(Vector3::zeros()),
+                color: scene.background,
+                brightness: 1.0,
+                texture: None,
+            }],
             silhouettes: Vec::new(),
             breaks: Vec::new(),
             crossing: is_crossing(scene),
@@ -48,13 +56,19 @@ impl<'a> View<'a> {
         for (instance, body) in (1..).zip(scene.bodies()) {
             view.add_body(body, instance, &camera_from_robot);
         }
-        let [x, y] = scene.table.half_size;
-        let corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
-            .map(|(x, y)| (camera_from_robot * (scene.table.center + Vector3::new(x, y, 0.0))).coords);
-        let paint = Paint { instance: 0, color: scene.table.color, cross: None };
-        view.add_face(&corners, &(camera_from_robot.rotation * Vector3::z()), &paint);
+        view.add_table(&scene.table, &camera_from_robot);
         view.settle_breaks();
         view
+    }
+
+    fn add_table(&mut self, table: &Table, camera_from_robot: &Isometry3<f64>) {
+        let [x, y] = table.half_size;
+        let corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+            .map(|(x, y)| (camera_from_robot * (table.center + Vector3::new(x, y, 0.0))).coords);
+        let camera_from_table = camera_from_robot * Translation3::from(table.center);
+        let texture = table.texture.map(|t| TextureInView::new(t, &camera_from_table, self.camera.focal));
+        let paint = Paint { instance: 0, color: table.color, cross: None, texture };
+        self.add_face(&corners, &(camera_from_robot.rotation * Vector3::z()), &paint);
     }
 
     fn settle_breaks(&mut self) {
@@ -77,7 +91,9 @@ impl<'a> View<'a> {
             let landmarks = cross_landmarks(&body.shape, cross.width / 2.0);
             self.range(&landmarks.map(|point| (camera_from_body * point).coords), true);
         }
-        let paint = Paint { instance, color: body.material.color, cross };
+        let texture =
+            body.material.texture.map(|t| TextureInView::new(t, &camera_from_body, self.camera.focal));
+        let paint = Paint { instance, color: body.material.color, cross, texture };
         match body.shape {
             Shape::Cuboid { half_extents } => self.add_cuboid(&center, &axes, &half_extents, &paint),
             Shape::Cylinder { radius, half_height } => {
@@ -161,7 +177,9 @@ impl<'a> View<'a> {
         self.patches.extend(colors.map(|color| Patch {
             instance: paint.instance,
             surface: surface.clone(),
-            color: color.map(|c| c * brightness),
+            color,
+            brightness,
+            texture: paint.texture,
         }));
         index
     }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use world::config::CameraConfig;
 use world::scene::{Cross, Light, Material, Table};
-use world::{Body, Camera, Renderer, Scene, Shape};
+use world::{Body, Camera, Renderer, Scene, Sensor, Shape, Texture};
 
 const WHITE: [f64; 3] = [1.0; 3];
 const BLACK: [f64; 3] = [0.0; 3];
@@ -24,7 +24,7 @@ fn camera(width: u32, height: u32) -> Camera {
 
 fn body(shape: Shape, position: [f64; 3], turn: [f64; 3], color: [f64; 3]) -> Body {
     let robot_from_body = Isometry3::new(position.into(), turn.into());
-    Body { shape, robot_from_body, material: Material { color, cross: None } }
+    Body { shape, robot_from_body, material: Material { color, cross: None, texture: None } }
 }
 
 fn cuboid(x: f64, y: f64, z: f64) -> Shape {
@@ -34,7 +34,12 @@ fn cuboid(x: f64, y: f64, z: f64) -> Shape {
 /// A scene of one body in front of black, lit from everywhere, far above a table that is out of sight.
 fn alone(body: Body) -> Scene {
     Scene {
-        table: Table { center: Point3::new(0.0, 0.0, -1e6), half_size: [1e-3; 2], color: BLACK },
+        table: Table {
+            center: Point3::new(0.0, 0.0, -1e6),
+            half_size: [1e-3; 2],
+            color: BLACK,
+            texture: None,
+        },
         target: body,
         obstacles: Vec::new(),
         light: Light { towards_light: Vector3::z_axis(), ambient: 1.0 },
@@ -57,6 +62,7 @@ fn busy_scene() -> Scene {
             center: Point3::new(0.4, 0.18, -0.02),
             half_size: [0.3, 0.25],
             color: [0.62, 0.5, 0.36],
+            texture: None,
         },
         target: body(cuboid(0.03, 0.02, 0.02), [0.36, 0.18, 0.0], [0.0, 0.0, 0.3], [0.95; 3]),
         obstacles: vec![
@@ -80,6 +86,17 @@ fn busy_scene() -> Scene {
     scene.target.material.cross = cross;
     scene.obstacles[0].material.cross = cross;
     scene.obstacles[2].material.cross = cross;
+    scene
+}
+
+/// Gives the table and all bodies of a scene textures, each with another seed.
+fn textured(mut scene: Scene, grain: [f64; 3], contrast: f64) -> Scene {
+    let texture = |seed| Some(Texture { grain: grain.into(), contrast, seed });
+    scene.table.texture = texture(1);
+    scene.target.material.texture = texture(2);
+    for (body, seed) in scene.obstacles.iter_mut().zip(3..) {
+        body.material.texture = texture(seed);
+    }
     scene
 }
 
@@ -119,6 +136,11 @@ fn enter(shape: &Shape, origin: &Vector3<f64>, ray: &Vector3<f64>) -> Option<(f6
     is_hit.then_some((first.0, first.2))
 }
 
+fn dyed(color: [f64; 3], texture: Option<Texture>, point: &Point3<f64>) -> [f64; 3] {
+    let factor = texture.map_or(1.0, |texture| texture.factor(point));
+    color.map(|c| (c * factor).min(1.0))
+}
+
 fn cast(scene: &Scene, robot_from_camera: &Isometry3<f64>, ray: &Vector3<f64>) -> Hit {
     let mut nearest = Hit { z: f64::INFINITY, instance: 0, color: scene.background };
     let (origin, ray) = (robot_from_camera.translation.vector, robot_from_camera * ray);
@@ -127,7 +149,8 @@ fn cast(scene: &Scene, robot_from_camera: &Isometry3<f64>, ray: &Vector3<f64>) -
     let aside = origin + ray * z - scene.table.center.coords;
     let [x, y] = scene.table.half_size;
     if z > 0.0 && origin.z > scene.table.height() && aside.x.abs() < x && aside.y.abs() < y {
-        nearest = Hit { z, instance: 0, color: lit(scene.table.color, &Vector3::z()) };
+        let color = dyed(scene.table.color, scene.table.texture, &aside.into());
+        nearest = Hit { z, instance: 0, color: lit(color, &Vector3::z()) };
     }
     for (body, instance) in scene.bodies().zip(1..) {
         let pose = body.robot_from_body;
@@ -147,6 +170,7 @@ fn cast(scene: &Scene, robot_from_camera: &Isometry3<f64>, ray: &Vector3<f64>) -
             Some(cross) if in_cross(&cross) => cross.color,
             _ => body.material.color,
         };
+        let color = dyed(color, body.material.texture, &point.into());
         nearest = Hit { z, instance, color: lit(color, &(pose * normal)) };
     }
     nearest
@@ -366,6 +390,223 @@ fn a_tenth_of_a_pixel_moves_the_image_by_a_tenth_of_a_pixel() {
             assert!((moved - nalgebra::Vector2::new(shift, 2.0 * shift)).norm() < 2e-3, "{shape:?}: {moved}");
         }
     }
+}
+
+/// The sum of all changes of an image's first channel, and of their magnitudes, when the image plane is shifted, in units
+/// of full scale.
+fn change(scene: &Scene, pose: &Isometry3<f64>, camera: &Camera, shift: nalgebra::Vector2<f64>) -> [f64; 2] {
+    let mut shifted = camera.clone();
+    shifted.center += shift;
+    let [before, after] = [camera, &shifted].map(|c| Renderer::new(c.clone()).color(scene, pose));
+    let pairs = before.pixels().zip(after.pixels());
+    let changes = pairs.map(|(before, after)| (f64::from(after[0]) - f64::from(before[0])) / 255.0);
+    changes.fold([0.0; 2], |[sum, magnitudes], c| [sum + c, magnitudes + c.abs()])
+}
+
+#[test]
+fn an_edge_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_length() {
+    let contrast = 0.8;
+    // Seen from above, an edge or an outline along the robot's y passes near the image's middle; the other is out of sight.
+    let block = body(cuboid(1.0, 2.0, 0.1), [-1.0, 0.0, -0.5], [0.0; 3], [0.1 + contrast; 3]);
+    let lying = [std::f64::consts::FRAC_PI_2, 0.0, 0.0];
+    let log = Shape::Cylinder { radius: 1.0, half_height: 2.0 };
+    for body in [block, body(log, [-1.0, 0.0, -1.0], lying, [0.1 + contrast; 3])] {
+        let mut scene = alone(body);
+        scene.background = [0.1; 3];
+        for i in 0..40 {
+            // Up to 0.35 rad from the image's columns the edge meets neither of its sides.
+            let (angle, phase) = (0.05 * f64::from(i % 8), (0.173 * f64::from(i)).fract());
+            let mut camera = camera(128, 96);
+            camera.center += nalgebra::Vector2::new(phase, 0.0);
+            let down = UnitQuaternion::face_towards(&-Vector3::z(), &Vector3::y());
+            let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+            let pose = Isometry3::from_parts(Vector3::new(-0.02, 0.0, 1.0).into(), down * roll);
+            let along = pose.inverse_transform_vector(&Vector3::y()).xy();
+            let length = 96.0 / along.y.abs();
+            for share in [0.1, -0.1] {
+                let shift = nalgebra::Vector2::new(-along.y, along.x) * share;
+                let [sum, magnitudes] = change(&scene, &pose, &camera, shift);
+                let moved = sum.abs() / (contrast * length);
+                // An edge along the columns is rounded alike in all rows: half a byte before and after, in one or two columns.
+                let tolerance = if angle == 0.0 { 2.0 / (255.0 * contrast) } else { 0.001 };
+                assert!((moved - 0.1).abs() < tolerance, "{scene:?}, {angle}, {phase}: {moved}");
+                assert!(magnitudes - sum.abs() < 1e-9, "{scene:?}, {angle}, {phase}: there and back");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_disc_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_width_on_either_side() {
+    let scenes = [
+        (Shape::Sphere { radius: 0.1 }, 0.1 / (0.25f64 - 0.01).sqrt()),
+        (Shape::Cylinder { radius: 0.1, half_height: 0.05 }, 0.1 / 0.45),
+    ];
+    for (shape, slope) in scenes {
+        let scene = alone(body(shape, [0.0; 3], [0.0; 3], WHITE));
+        let down = UnitQuaternion::face_towards(&-Vector3::z(), &Vector3::y());
+        let pose = Isometry3::from_parts(Vector3::new(0.0, 0.0, 0.5).into(), down);
+        for i in 0..20 {
+            let mut camera = camera(128, 96);
+            camera.center += nalgebra::Vector2::new(0.173, 0.377) * f64::from(i);
+            let (sin, cos) = (0.31 * f64::from(i)).sin_cos();
+            let [sum, magnitudes] = change(&scene, &pose, &camera, nalgebra::Vector2::new(cos, sin) * 0.1);
+            let moved = magnitudes / (4.0 * slope * camera.focal);
+            assert!((moved - 0.1).abs() < 0.001, "{shape:?}: {moved}");
+            assert!(sum.abs() < 0.2, "{shape:?}: the area stays, {sum}");
+        }
+    }
+}
+
+// ---- Textures ----
+
+proptest! {
+    #![proptest_config(cases(4))]
+
+    // The patterns are coarse enough for these pixels not to be filtered, but where a surface is seen nearly edge-on.
+    #[test]
+    fn an_image_of_textures_is_what_rays_see(pose in views()) {
+        let scene = textured(busy_scene(), [0.3, 0.2, 0.4], 0.9);
+        let (mean, greatest) = compare(&camera(64, 48), &scene, &pose, 12);
+        prop_assert!(mean < 0.5, "mean {mean}");
+        prop_assert!(greatest < 20.0, "greatest {greatest}");
+    }
+}
+
+/// A camera that sees all the bodies of the busy scene from the side, and one that sees them from above.
+fn two_poses() -> [Isometry3<f64>; 2] {
+    [looking([0.45, 0.0, 0.25], [0.36, 0.18, 0.0]), looking([0.33, 0.22, 0.32], [0.36, 0.18, 0.0])]
+}
+
+/// The color at an image point, between the pixels' centres.
+fn interpolated(image: &image::RgbImage, at: &Point2<f64>) -> Vector3<f64> {
+    let (u, v) = (at.x - 0.5, at.y - 0.5);
+    let pixel = |x: f64, y: f64| Vector3::from(image.get_pixel(x as u32, y as u32).0.map(f64::from));
+    let row = |y: f64| pixel(u.floor(), y).lerp(&pixel(u.floor() + 1.0, y), u.fract());
+    row(v.floor()).lerp(&row(v.floor() + 1.0), v.fract())
+}
+
+#[test]
+fn two_cameras_see_the_same_pattern() {
+    let mut scene = textured(busy_scene(), [0.03, 0.02, 0.025], 0.8);
+    scene.light.ambient = 1.0;
+    let camera = camera(640, 480);
+    let renderer = Renderer::new(camera.clone());
+    let frames = two_poses().map(|pose| (renderer.frame(&scene, &pose), pose));
+    let mut compared = [0; 6];
+    for i in 0..60_000_u32 {
+        // A pixel in the first image, the point that it shows, and that point in the second.
+        let (u, v) = (4 + i * 7 % 632, 4 + i * 13 % 472);
+        let ([first, second], here) = (&frames, Point2::new(f64::from(u) + 0.5, f64::from(v) + 0.5));
+        let index = |u: u32, v: u32| (v * 640 + u) as usize;
+        let depth = f64::from(first.0.depth[index(u, v)]);
+        let point = first.1 * Point3::from(camera.ray(&here) * depth);
+        let in_second = second.1.inverse_transform_point(&point);
+        let Some(there) = camera.project(&in_second) else { continue };
+        if !(4.0..636.0).contains(&there.x) || !(4.0..476.0).contains(&there.y) || depth.is_infinite() {
+            continue;
+        }
+        // Both see this point and nothing but its surface around it; crosses have borders.
+        let instance = first.0.instance[index(u, v)];
+        let is_within = |frame: &world::Frame, at: &Point2<f64>| {
+            (-2..=2).all(|d| {
+                let [x, y] = [at.x as i32, at.y as i32];
+                [(x + d, y), (x, y + d)]
+                    .into_iter()
+                    .all(|(x, y)| frame.instance[index(x as u32, y as u32)] == instance)
+            })
+        };
+        let seen = f64::from(second.0.depth[index(there.x as u32, there.y as u32)]);
+        let is_plain = scene
+            .bodies()
+            .nth(usize::from(instance).wrapping_sub(1))
+            .is_none_or(|body| body.material.cross.is_none());
+        if is_plain
+            && (seen - in_second.z).abs() < 2e-3
+            && is_within(&first.0, &here)
+            && is_within(&second.0, &there)
+        {
+            let apart = (interpolated(&first.0.color, &here) - interpolated(&second.0.color, &there)).amax();
+            assert!(apart < 10.0, "{apart} at {point} of {instance}");
+            compared[usize::from(instance)] += 1;
+        }
+    }
+    assert!([0, 3, 5].iter().all(|&i| compared[i] > 100), "{compared:?}");
+}
+
+#[test]
+fn a_texture_moves_no_edge() {
+    for pose in two_poses() {
+        // Only the background has blue: it shows in proportion to the area that nothing covers.
+        let mut scene = busy_scene();
+        scene.table.color = [0.6, 0.4, 0.0];
+        scene.background = [0.0, 0.0, 1.0];
+        scene.target.material.color = [0.9, 0.9, 0.0];
+        for body in &mut scene.obstacles {
+            body.material.color = [0.4, 0.4, 0.0];
+        }
+        for body in std::iter::once(&mut scene.target).chain(&mut scene.obstacles) {
+            body.material.cross = None;
+        }
+        scene.table.half_size = [0.06, 0.06];
+        let renderer = Renderer::new(camera(320, 240));
+        let (plain, dyed) =
+            (renderer.frame(&scene, &pose), renderer.frame(&textured(scene, [0.01; 3], 1.0), &pose));
+        assert_eq!((plain.instance, plain.depth), (dyed.instance, dyed.depth));
+        let mut partly = 0;
+        for (plain, dyed) in plain.color.pixels().zip(dyed.color.pixels()) {
+            assert!(plain[2] == dyed[2], "{plain:?} and {dyed:?}");
+            partly += u32::from(0 < plain[2] && plain[2] < 255);
+        }
+        assert!(partly > 200);
+        assert_ne!(plain.color, dyed.color);
+    }
+}
+
+#[test]
+fn a_texture_far_finer_than_a_pixel_is_its_mean() {
+    let renderer = Renderer::new(camera(160, 120));
+    for pose in two_poses() {
+        let plain = renderer.color(&busy_scene(), &pose);
+        let greatest = |grain: f64| {
+            let dyed = renderer.color(&textured(busy_scene(), [grain; 3], 1.0), &pose);
+            dyed.iter().zip(plain.iter()).map(|(dyed, plain)| dyed.abs_diff(*plain)).max()
+        };
+        // Colors of partly covered pixels are summed up in another order, which may round otherwise.
+        assert!(greatest(2e-4) <= Some(1) && greatest(1e-9) <= Some(1));
+        assert!(greatest(2e-2) > Some(50));
+    }
+}
+
+#[test]
+fn contrast_leaves_the_mean() {
+    let renderer = Renderer::new(camera(320, 240));
+    let pose = looking([0.4, 0.18, 0.15], [0.4, 0.18, 0.0]);
+    let mean = |grain: f64, contrast: f64| {
+        let mut scene =
+            textured(alone(body(cuboid(1e-3, 1e-3, 1e-3), [9.0; 3], [0.0; 3], WHITE)), [grain; 3], contrast);
+        scene.table = Table { color: [0.5; 3], ..busy_scene().table };
+        scene.table.texture = textured(busy_scene(), [grain; 3], contrast).table.texture;
+        let image = renderer.color(&scene, &pose);
+        image.iter().map(|byte| f64::from(*byte)).sum::<f64>() / image.len() as f64
+    };
+    // From grains of some dozen pixels to such of one or two.
+    for grain in [0.01, 0.004, 0.002, 0.001] {
+        let (flat, dyed) = (mean(grain, 0.0), mean(grain, 0.9));
+        assert!((dyed / flat - 1.0).abs() < 0.03, "{dyed} instead of {flat} at {grain}");
+    }
+}
+
+#[test]
+fn a_textured_image_is_the_same_on_every_machine() {
+    let scene = textured(busy_scene(), [0.02, 0.004, 0.01], 0.5);
+    let mut image = Renderer::new(camera(160, 120)).color(&scene, &two_poses()[0]);
+    Sensor { blur: 0.7, noise: 0.01 }.expose(&mut image, 5);
+    // FNV-1a.
+    let digest = image.iter().fold(0xcbf2_9ce4_8422_2325_u64, |digest, &byte| {
+        (digest ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
+    });
+    assert_eq!(digest, 3_083_197_819_151_740_288, "{digest}");
 }
 
 #[test]
