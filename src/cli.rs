@@ -121,6 +121,17 @@ pub(crate) enum Dataset {
         /// The dataset's folder.
         dataset: PathBuf,
     },
+    /// Make a row again and compare it with what is stored.
+    #[command(after_help = "Example: flowservo dataset replay runs/data/a 17 --out runs/replay")]
+    Replay {
+        /// The dataset's folder.
+        dataset: PathBuf,
+        /// Number of the row, from 0.
+        row: u64,
+        /// Folder for the row's images as they are made now and as they are stored, as PNG.
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
 }
 
 /// `train`

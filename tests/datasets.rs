@@ -74,3 +74,44 @@ fn info_tells_and_verify_finds_a_flipped_byte() {
     std::fs::write(&file, bytes).unwrap();
     folder.run("dataset verify data").fails(1, &["train-00001-of-00002.parquet", "SHA-256"]);
 }
+
+#[test]
+fn a_row_is_made_again_and_compared() {
+    let folder = Folder::new();
+    folder.run(&generate("c.toml", 7, "data")).ok();
+    let replayed = folder.run("dataset replay data 6 --out again --json").ok();
+    assert!(replayed.stdout().contains("row        6 of approach_c"), "{}", replayed.stdout());
+    let told = replayed.json();
+    assert_eq!((&told["identical"], &told["row"]), (&true.into(), &6.into()));
+    assert!(
+        told["columns"].as_array().unwrap().iter().all(|column| column["difference"].is_null()),
+        "{told}"
+    );
+    let image =
+        |name: &str| std::fs::read(folder.path(&format!("again/00000006_image_goal_{name}.png"))).unwrap();
+    assert!(image("made").starts_with(b"\x89PNG") && image("made") == image("stored"));
+
+    // What another light would have made, said to be of another version.
+    let description = folder.path("data/dataset.json");
+    let told = std::fs::read_to_string(&description).unwrap();
+    let brighter = told.replace("\"ambient\": 0.5", "\"ambient\": 0.75");
+    assert_ne!(brighter, told);
+    std::fs::write(&description, &brighter).unwrap();
+    let other = folder.run("dataset replay data 6 --out again --json");
+    let told = other.json();
+    let column =
+        |name| told["columns"].as_array().unwrap().iter().find(|column| column["column"] == name).unwrap();
+    assert_eq!(column("image_goal")["difference"]["kind"], "pixels");
+    assert!(column("joints_goal")["difference"].is_null());
+    assert!(image("made") != image("stored"));
+    other.fails(1, &["row 6 of data", "image_current, image_goal,", "dataset verify data"]);
+    let version = format!("\"version\": \"{}\"", env!("CARGO_PKG_VERSION"));
+    std::fs::write(&description, brighter.replace(&version, "\"version\": \"0.0.1\"")).unwrap();
+    folder.run("dataset replay data 6").fails(1, &["written by flowservo 0.0.1"]);
+
+    folder.run("dataset replay data 7").fails(1, &["rows 7 to 8 asked for, but the dataset has 7"]);
+    std::fs::write(folder.path("data/data/train-00001-of-00002.parquet"), "short").unwrap();
+    folder.run("dataset replay data 6").fails(1, &["train-00001-of-00002.parquet: expected"]);
+    std::fs::remove_file(description).unwrap();
+    folder.run("dataset replay data 6").fails(1, &["holds no complete dataset"]);
+}

@@ -2,7 +2,8 @@
 //!
 //! One example is drawn from one random stream: motion, target, hand poses and obstacles, again until the arm reaches the
 //! poses, the hand touches nothing and the camera sees the target ([`placement`]). It is rendered and labeled
-//! ([`example`]), becomes a row ([`schema`]), and rows become files that are published by rename ([`mod@generate`]).
+//! ([`example`]), becomes a row ([`schema`]), and rows become files that are published by rename ([`mod@generate`]). A
+//! [`reader`] gives any rows back, and [`mod@replay`] makes one again to compare it with what is stored.
 //!
 //! **Invariant:** example `i` is a pure function of (configuration, seed, `i`), so files have the same bytes at any number of
 //! threads, and any row can be made again alone.
@@ -36,6 +37,7 @@ pub mod randomization_config;
 pub mod range;
 pub mod reader;
 pub mod rejection;
+pub mod replay;
 pub mod row;
 pub mod schema;
 pub mod shard;
@@ -50,4 +52,5 @@ pub use info::DatasetInfo;
 pub use placement::{Placement, Sampler};
 pub use progress::{Options, Progress};
 pub use reader::DatasetReader;
+pub use replay::{Replay, replay};
 pub use row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};

@@ -1,26 +1,42 @@
-//! Reads a dataset back, streaming, a range of rows at a time.
+//! Reads a dataset back: a range of rows in order, or any rows in any order. Nothing is loaded but what is asked for.
+//!
+//! The footer of a file is read when its first row is asked for, and kept. It says where each page of each column lies, so
+//! that of the pages only those are read that hold a row which is asked for.
 
 use crate::error::{Error, Result};
 use crate::info::{DatasetInfo, FileRecord};
 use crate::publish::io;
 use crate::row::{Batch, Row};
+use arrow_array::RecordBatch;
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
-    ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
+    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
+    RowSelection, RowSelectionPolicy,
 };
 use parquet::file::metadata::PageIndexPolicy;
+use parquet::file::reader::ChunkReader;
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use std::fmt::Display;
 use std::fs::File;
+use std::iter::once;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
 /// Rows that are decoded at a time: little memory even with large images.
 const BATCH: usize = 32;
 
-/// A complete dataset.
+/// A complete dataset. Threads may share it; a clone shares what was read of it.
 #[derive(Debug, Clone)]
 pub struct DatasetReader {
+    opened: Arc<Opened>,
+}
+
+#[derive(Debug)]
+struct Opened {
     dir: PathBuf,
     info: DatasetInfo,
+    files: Vec<DataFile>,
 }
 
 impl DatasetReader {
@@ -28,66 +44,199 @@ impl DatasetReader {
     pub fn open(dir: &Path) -> Result<Self> {
         let info = DatasetInfo::read(dir)?;
         info.check_sizes(dir)?;
-        Ok(Self { dir: dir.to_owned(), info })
+        let mut end = 0;
+        let file = |record: &FileRecord| {
+            end += record.rows;
+            let path = dir.join(&record.path);
+            DataFile { path, rows: end - record.rows..end, footer: OnceLock::new() }
+        };
+        let files = info.files.iter().map(file).collect();
+        Ok(Self { opened: Arc::new(Opened { dir: dir.to_owned(), info, files }) })
     }
 
     /// What the dataset is made of.
     pub fn info(&self) -> &DatasetInfo {
-        &self.info
+        &self.opened.info
     }
 
     /// The dataset's folder.
     pub fn dir(&self) -> &Path {
-        &self.dir
+        &self.opened.dir
     }
 
     /// The range of indices of each file: what to hand to [`DatasetReader::rows`] to read files in parallel.
     pub fn shards(&self) -> Vec<Range<u64>> {
-        let mut end = 0;
-        let shard = |file: &FileRecord| {
-            end += file.rows;
-            end - file.rows..end
-        };
-        self.info.files.iter().map(shard).collect()
+        self.opened.files.iter().map(|file| file.rows.clone()).collect()
     }
 
     /// All rows in order.
     pub fn all<R: Row>(&self) -> Result<Rows<R>> {
-        self.rows(0..self.info.rows)
+        self.rows(0..self.info().rows)
     }
 
-    /// The rows of a range of indices, in order. A short range reads little more than its rows.
+    /// The rows of a range of indices, in order, decoded as they are asked for.
     pub fn rows<R: Row>(&self, range: Range<u64>) -> Result<Rows<R>> {
-        let (dir, found) = (self.dir.clone(), self.info.config.kind);
-        if let Some(expected) = R::KIND.filter(|&kind| kind != found) {
-            return Err(Error::Kind { dir, expected, found });
+        self.check_kind::<R>()?;
+        if range.start > range.end || range.end > self.info().rows {
+            return Err(self.out_of_range(range));
         }
-        let (start, end, rows) = (range.start, range.end, self.info.rows);
-        if start > end || end > rows {
-            return Err(Error::OutOfRange { dir, start, end, rows });
+        Ok(Rows { reader: self.clone(), left: range, open: None, decoded: Vec::new().into_iter() })
+    }
+
+    /// Any rows, in the order asked for, as often as asked for. Groups of rows are read in parallel, by the threads of the
+    /// current rayon pool.
+    pub fn rows_at<R: Row>(&self, rows: &[u64]) -> Result<Vec<R>> {
+        self.check_kind::<R>()?;
+        let mut sorted = rows.to_vec();
+        sorted.sort_unstable();
+        sorted.dedup();
+        let (mut groups, mut rest) = (Vec::new(), sorted.as_slice());
+        while let Some(&first) = rest.first() {
+            let group = self.group_of(first)?;
+            let (inside, behind) = rest.split_at(rest.partition_point(|&row| row < group.rows.end));
+            groups.push((group, inside));
+            rest = behind;
         }
-        let mut parts = Vec::new();
-        for (file, shard) in self.info.files.iter().zip(self.shards()) {
-            let (from, to) = (start.max(shard.start), end.min(shard.end));
-            if from < to {
-                let rows = (from - shard.start) as usize..(to - shard.start) as usize;
-                parts.push(Part { path: dir.join(&file.path), rows_in_file: file.rows, rows });
+        let read: Vec<Result<Vec<R>>> = groups.par_iter().map(|(group, rows)| group.read(rows)).collect();
+        let read = read.into_iter().collect::<Result<Vec<_>>>()?.concat();
+        Ok(rows.iter().map(|row| read[sorted.partition_point(|other| other < row)].clone()).collect())
+    }
+
+    /// One row with all its columns, as they are stored.
+    pub fn record(&self, row: u64) -> Result<RecordBatch> {
+        let group = self.group_of(row)?;
+        let columns = group.footer.schema().fields();
+        let columns: Vec<_> = columns.iter().map(|column| column.name().as_str()).collect();
+        match group.open(once(row..row + 1), &columns)?.next() {
+            Some(record) => record.map_err(|error| damaged(group.path, &error)),
+            None => Err(wrong_rows(group.path, 1, 0)),
+        }
+    }
+
+    /// Where a row lies.
+    fn group_of(&self, row: u64) -> Result<Group<'_>> {
+        let files = &self.opened.files;
+        match files.get(files.partition_point(|file| file.rows.end <= row)) {
+            Some(file) => file.group_of(row),
+            None => Err(self.out_of_range(row..row.saturating_add(1))),
+        }
+    }
+
+    fn check_kind<R: Row>(&self) -> Result<()> {
+        let found = self.info().config.kind;
+        match R::KIND {
+            Some(expected) if expected != found => {
+                Err(Error::Kind { dir: self.dir().to_owned(), expected, found })
             }
+            _ => Ok(()),
         }
-        Ok(Rows { parts: parts.into_iter(), open: None, decoded: Vec::new().into_iter() })
+    }
+
+    fn out_of_range(&self, Range { start, end }: Range<u64>) -> Error {
+        Error::OutOfRange { dir: self.dir().to_owned(), start, end, rows: self.info().rows }
     }
 }
 
-/// Rows of one file.
-struct Part {
+/// One file.
+#[derive(Debug)]
+struct DataFile {
     path: PathBuf,
-    rows_in_file: u64,
-    rows: Range<usize>,
+    /// Of the dataset.
+    rows: Range<u64>,
+    footer: OnceLock<ArrowReaderMetadata>,
+}
+
+impl DataFile {
+    fn footer(&self) -> Result<&ArrowReaderMetadata> {
+        if let Some(footer) = self.footer.get() {
+            return Ok(footer);
+        }
+        let file = File::open(&self.path).map_err(|source| io(&self.path, source))?;
+        let options = ArrowReaderOptions::new().with_offset_index_policy(PageIndexPolicy::Optional);
+        let footer =
+            ArrowReaderMetadata::load(&file, options).map_err(|error| damaged(&self.path, &error))?;
+        let (expected, found) =
+            (self.rows.end - self.rows.start, footer.metadata().file_metadata().num_rows());
+        if u64::try_from(found) != Ok(expected) {
+            return Err(wrong_rows(&self.path, expected, found));
+        }
+        // If another thread was faster, its footer is kept.
+        Ok(self.footer.get_or_init(|| footer))
+    }
+
+    fn group_of(&self, row: u64) -> Result<Group<'_>> {
+        let footer = self.footer()?;
+        let mut end = self.rows.start;
+        for (number, group) in footer.metadata().row_groups().iter().enumerate() {
+            let start = end;
+            end += group.num_rows() as u64;
+            if row < end {
+                return Ok(Group { path: &self.path, footer, number, rows: start..end });
+            }
+        }
+        Err(wrong_rows(&self.path, self.rows.end - self.rows.start, end - self.rows.start))
+    }
+}
+
+/// Rows that lie together in a file: what is read by one thread.
+struct Group<'a> {
+    path: &'a Path,
+    footer: &'a ArrowReaderMetadata,
+    /// In the file.
+    number: usize,
+    /// Of the dataset.
+    rows: Range<u64>,
+}
+
+impl Group<'_> {
+    /// Some of its rows, ascending.
+    fn read<R: Row>(&self, rows: &[u64]) -> Result<Vec<R>> {
+        let Self { path, .. } = *self;
+        let mut read = Vec::with_capacity(rows.len());
+        for columns in self.open(rows.iter().map(|&row| row..row + 1), R::COLUMNS)? {
+            let columns = &columns.map_err(|error| damaged(path, &error))?;
+            read.extend(R::decode(&Batch { path, columns })?);
+        }
+        if read.len() == rows.len() { Ok(read) } else { Err(wrong_rows(path, rows.len(), read.len())) }
+    }
+
+    /// Opens the file for some of its rows, ascending, and columns.
+    fn open(
+        &self,
+        rows: impl Iterator<Item = Range<u64>>,
+        columns: &[&str],
+    ) -> Result<ParquetRecordBatchReader> {
+        // Opened again for every group: threads that share an open file would move each other's position in it.
+        let file = File::open(self.path).map_err(|source| io(self.path, source))?;
+        self.select(file, rows, columns)
+    }
+
+    fn select<T: ChunkReader + 'static>(
+        &self,
+        file: T,
+        rows: impl Iterator<Item = Range<u64>>,
+        columns: &[&str],
+    ) -> Result<ParquetRecordBatchReader> {
+        let Range { start, end } = self.rows;
+        let within = rows.map(|rows| (rows.start - start) as usize..(rows.end - start) as usize);
+        let selection = RowSelection::from_consecutive_ranges(within, (end - start) as usize);
+        let mask = ProjectionMask::columns(self.footer.parquet_schema(), columns.iter().copied());
+        let reader = ParquetRecordBatchReaderBuilder::new_with_metadata(file, self.footer.clone())
+            .with_row_groups(vec![self.number])
+            .with_row_selection(selection)
+            // A mask would read pages between the rows, too.
+            .with_row_selection_policy(RowSelectionPolicy::Selectors)
+            .with_projection(mask)
+            .with_batch_size(BATCH);
+        reader.build().map_err(|error| damaged(self.path, &error))
+    }
 }
 
 /// Rows, decoded as they are asked for. Ends after the first error.
 pub struct Rows<R> {
-    parts: std::vec::IntoIter<Part>,
+    reader: DatasetReader,
+    /// Those behind what is open.
+    left: Range<u64>,
     open: Option<(PathBuf, ParquetRecordBatchReader)>,
     decoded: std::vec::IntoIter<R>,
 }
@@ -104,7 +253,7 @@ impl<R: Row> Iterator for Rows<R> {
                 Ok(true) => {}
                 Ok(false) => return None,
                 Err(error) => {
-                    (self.parts, self.open) = (Vec::new().into_iter(), None);
+                    (self.left, self.open) = (0..0, None);
                     return Some(Err(error));
                 }
             }
@@ -113,7 +262,7 @@ impl<R: Row> Iterator for Rows<R> {
 }
 
 impl<R: Row> Rows<R> {
-    /// Decodes the next rows, or opens the next file; false where there is none.
+    /// Decodes the next rows, or opens the next group; false where there is none.
     fn decode_more(&mut self) -> Result<bool> {
         if let Some((path, reader)) = &mut self.open {
             if let Some(columns) = reader.next() {
@@ -123,43 +272,16 @@ impl<R: Row> Rows<R> {
             }
             self.open = None;
         }
-        let Some(part) = self.parts.next() else { return Ok(false) };
-        let reader = open(&part, R::COLUMNS)?;
-        self.open = Some((part.path, reader));
+        if self.left.is_empty() {
+            return Ok(false);
+        }
+        let group = self.reader.group_of(self.left.start)?;
+        let end = self.left.end.min(group.rows.end);
+        let reader = group.open(once(self.left.start..end), R::COLUMNS)?;
+        self.open = Some((group.path.to_owned(), reader));
+        self.left.start = end;
         Ok(true)
     }
-}
-
-/// Opens a file for some of its rows and columns; groups of rows outside are not touched.
-fn open(part: &Part, columns: &[&str]) -> Result<ParquetRecordBatchReader> {
-    let path = &part.path;
-    let file = File::open(path).map_err(|source| io(path, source))?;
-    let options = ArrowReaderOptions::new().with_offset_index_policy(PageIndexPolicy::Optional);
-    let builder = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options)
-        .map_err(|error| damaged(path, &error))?;
-    let found = builder.metadata().file_metadata().num_rows();
-    if u64::try_from(found) != Ok(part.rows_in_file) {
-        let [expected, found] = [format!("{} rows", part.rows_in_file), format!("{found} rows")];
-        return Err(Error::Damaged { path: path.clone(), expected, found });
-    }
-    let (mut groups, mut offset, mut start) = (Vec::new(), 0, 0);
-    for (i, group) in builder.metadata().row_groups().iter().enumerate() {
-        let end = start + group.num_rows() as usize;
-        if end <= part.rows.start {
-            offset = end;
-        } else if start < part.rows.end {
-            groups.push(i);
-        }
-        start = end;
-    }
-    let mask = ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
-    let reader = builder
-        .with_row_groups(groups)
-        .with_offset(part.rows.start - offset)
-        .with_limit(part.rows.len())
-        .with_projection(mask)
-        .with_batch_size(BATCH);
-    reader.build().map_err(|error| damaged(path, &error))
 }
 
 fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
@@ -170,15 +292,23 @@ fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
     }
 }
 
+fn wrong_rows(path: &Path, expected: impl Display, found: impl Display) -> Error {
+    let [expected, found] = [format!("{expected} rows"), format!("{found} rows")];
+    Error::Damaged { path: path.to_owned(), expected, found }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::config::DatasetConfig;
     use crate::example::Collector;
     use crate::row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};
+    use crate::schema;
     use crate::shard::ROWS_PER_GROUP;
     use crate::tiny::{config, make};
+    use parquet::file::reader::Length;
     use std::fs;
+    use std::sync::Mutex;
     use tempfile::TempDir;
 
     fn dataset(config: &DatasetConfig) -> (TempDir, DatasetReader) {
@@ -237,6 +367,121 @@ mod tests {
         }
         assert_eq!(reader.shards(), [0..133, 133..266]);
         assert!(matches!(reader.rows::<ApproachRow>(0..267), Err(Error::OutOfRange { .. })));
+    }
+
+    #[test]
+    fn any_rows_are_read_in_any_order() {
+        let mut config = config("a", 2 * ROWS_PER_GROUP + 10);
+        config.rows_per_shard = ROWS_PER_GROUP + 5;
+        (config.world.camera.width, config.world.camera.height) = (8, 8);
+        let (_dir, reader) = dataset(&config);
+        let all: Vec<ImagesRow> = reader.all().unwrap().map(Result::unwrap).collect();
+        // Both files, all groups, neighbors and the ends of groups, one row three times.
+        let asked = [265, 0, 130, 129, 265, 133, 127, 128, 132, 265, 1];
+        let expected: Vec<_> = asked.iter().map(|&row| all[row as usize].clone()).collect();
+        std::thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| assert_eq!(reader.clone().rows_at::<ImagesRow>(&asked).unwrap(), expected));
+            }
+        });
+        let backwards: Vec<u64> = (0..config.count).rev().collect();
+        let rows = reader.rows_at::<ImagesRow>(&backwards).unwrap();
+        assert!(rows.iter().rev().eq(&all));
+        assert_eq!(reader.rows_at::<ImagesRow>(&[]).unwrap(), []);
+        let behind = reader.rows_at::<ImagesRow>(&[3, 266]).unwrap_err().to_string();
+        assert!(behind.contains("rows 266 to 267 asked for, but the dataset has 266"), "{behind}");
+        assert!(matches!(reader.rows_at::<AvoidanceRow>(&[3]), Err(Error::Kind { .. })));
+    }
+
+    /// A file that remembers which of its bytes were read.
+    struct Watched {
+        file: File,
+        read: Arc<Mutex<Vec<Range<u64>>>>,
+    }
+
+    impl Length for Watched {
+        fn len(&self) -> u64 {
+            Length::len(&self.file)
+        }
+    }
+
+    impl ChunkReader for Watched {
+        type T = <File as ChunkReader>::T;
+
+        fn get_read(&self, _: u64) -> parquet::errors::Result<Self::T> {
+            panic!("read up to an end that is not known")
+        }
+
+        fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<bytes::Bytes> {
+            self.read.lock().unwrap().push(start..start + length as u64);
+            self.file.get_bytes(start, length)
+        }
+    }
+
+    /// The oracle is the offset index of the file.
+    #[test]
+    fn only_pages_that_hold_the_rows_are_read() {
+        let mut config = config("c", ROWS_PER_GROUP + 2);
+        config.rows_per_shard = config.count;
+        (config.world.camera.width, config.world.camera.height) = (160, 120);
+        let (_dir, reader) = dataset(&config);
+        let group = reader.group_of(70).unwrap();
+        let footer = group.footer.metadata();
+        let (mut expected, mut pages) = (Vec::new(), 0);
+        for (i, column) in footer.row_group(0).columns().iter().enumerate() {
+            if !["index", "bytes"].contains(&column.column_descr().name()) {
+                continue;
+            }
+            if let Some(dictionary) = column.dictionary_page_offset() {
+                expected.push(dictionary as u64..column.data_page_offset() as u64);
+            }
+            let index = footer.page_index_for_row_group(0);
+            let locations = index.offset_index(i).unwrap().page_locations();
+            let page = locations.iter().rfind(|page| page.first_row_index <= 70).unwrap();
+            expected.push(page.offset as u64..page.offset as u64 + page.compressed_page_size as u64);
+            pages += locations.len();
+        }
+        assert!(pages > 6, "{pages} pages: too few for this test");
+        let read = Arc::new(Mutex::new(Vec::new()));
+        let file = Watched { file: File::open(group.path).unwrap(), read: read.clone() };
+        let mut batches = group.select(file, once(70..71), ImagesRow::COLUMNS).unwrap();
+        let columns = &batches.next().unwrap().unwrap();
+        let row = &ImagesRow::decode(&Batch { path: group.path, columns }).unwrap()[0];
+        assert_eq!(row.index, 70);
+        assert_eq!(row.images, Collector::new(&config).unwrap().example(70).unwrap().images);
+        assert!(batches.next().is_none());
+        let mut read = read.lock().unwrap().clone();
+        read.sort_by_key(|range| range.start);
+        assert_eq!(read, expected);
+    }
+
+    #[test]
+    fn a_footer_is_read_once() {
+        let (dir, reader) = dataset(&config("a", 3));
+        let shared = reader.clone();
+        let read = |reader: &DatasetReader| reader.rows_at::<ImagesRow>(&[2]).unwrap().remove(0);
+        let row = read(&reader);
+        // Where the footer was, nothing is legible any more.
+        let path = dir.path().join(&reader.info().files[0].path);
+        let mut bytes = fs::read(&path).unwrap();
+        let footer = bytes.len() - 100;
+        bytes[footer..].fill(0);
+        fs::write(&path, bytes).unwrap();
+        assert_eq!(read(&shared), row);
+        assert_eq!(reader.rows::<ImagesRow>(2..3).unwrap().next().unwrap().unwrap(), row);
+        assert!(DatasetReader::open(dir.path()).unwrap().rows_at::<ImagesRow>(&[2]).is_err());
+    }
+
+    #[test]
+    fn a_record_has_all_columns() {
+        let config = config("avoid", 5);
+        let (_dir, reader) = dataset(&config);
+        let collector = Collector::new(&config).unwrap();
+        let made = schema::encode(&collector, &[collector.example(4).unwrap()]).unwrap();
+        let stored = reader.record(4).unwrap();
+        assert_eq!(stored.columns(), made.columns());
+        assert!(stored.schema().fields().iter().eq(schema::schema(&config).fields()));
+        assert!(matches!(reader.record(5), Err(Error::OutOfRange { .. })));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use world::Scene;
 use world::pose::HandPose;
 
 /// A part of a dataset's rows.
-pub trait Row: Sized {
+pub trait Row: Clone + Send {
     /// Kind of the datasets that have it; `None` where both have.
     const KIND: Option<Kind>;
     /// The columns it is made of.
@@ -63,7 +63,8 @@ pub struct SceneRow {
 impl Row for ImagesRow {
     const KIND: Option<Kind> = None;
     /// A dataset has the first, or the other two.
-    const COLUMNS: &'static [&'static str] = &["index", "image", "image_current", "image_goal"];
+    const COLUMNS: &'static [&'static str] =
+        &["index", "image.bytes", "image_current.bytes", "image_goal.bytes"];
 
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
         let index = batch.counts("index")?;

@@ -20,8 +20,11 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Rows in a group: what a reader has to fetch for one row, and what is held in memory while writing.
+/// Rows in a group: what is held in memory while writing, and what one thread reads.
 pub const ROWS_PER_GROUP: u64 = 128;
+
+/// Bytes of images in a page, unless one has more: what a reader has to fetch for one image.
+const IMAGE_PAGE: usize = 1 << 16;
 
 /// Folder of the records, while the dataset is incomplete.
 pub const RECORDS: &str = "shards";
@@ -138,6 +141,7 @@ fn properties(config: &DatasetConfig) -> WriterProperties {
             .set_column_compression(bytes.clone(), Compression::UNCOMPRESSED)
             .set_column_encoding(bytes.clone(), Encoding::PLAIN)
             .set_column_dictionary_enabled(bytes.clone(), false)
+            .set_column_data_page_size_limit(bytes.clone(), IMAGE_PAGE)
             .set_column_statistics_enabled(bytes, EnabledStatistics::None);
     }
     properties.build()

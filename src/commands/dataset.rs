@@ -1,6 +1,6 @@
 //! `flowservo dataset`: make datasets and look into them.
 
-use super::{print_json, write_file};
+use super::{print_json, replay, write_file};
 use crate::cli;
 use crate::config::Config;
 use crate::progress::{Progress, peak_rss_mb};
@@ -59,6 +59,7 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
             println!("{}: {} files are as they were written", dataset.display(), info.files.len());
             print_json(json, &serde_json::json!({ "files": info.files.len(), "digest": info.digest }))
         }
+        cli::Dataset::Replay { dataset, row, out } => replay::run(dataset, *row, out.as_deref(), json),
     }
 }
 

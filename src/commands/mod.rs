@@ -3,6 +3,7 @@
 mod dataset;
 mod eval;
 mod model;
+mod replay;
 mod report;
 mod reproduce;
 mod train;

@@ -96,7 +96,7 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     let Job { name, config, out, device, resume } = *job;
     let task = config.task()?;
     let loading = Progress::start(&format!("{name}: reading"), "examples", 0);
-    let examples = Examples::load(&task, &config.datasets, &|done, total| {
+    let examples = Examples::load(&task, config.images, &config.datasets, &|done, total| {
         loading.update_of(done as u64, total as u64, "");
     })?;
     let reading_seconds = loading.finish();

@@ -15,14 +15,12 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::{env, io};
 
-use datagen::row::ImagesRow;
-use datagen::{DatasetReader, publish};
+use datagen::publish;
 use memmap2::Mmap;
-use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::input::{self, decode};
 use crate::publish::at;
+use crate::stream::ImageStream;
 
 /// Name of the folder within that of the dataset.
 const FOLDER: &str = "cache";
@@ -31,7 +29,7 @@ const MAGIC: &[u8; 8] = b"FSIMAGES";
 /// Version of the file's form and of what becomes of an image in [`input`]: other bytes need another number.
 const FORMAT: u64 = 1;
 /// Examples that are decoded at a time.
-const CHUNK: usize = 128;
+const CHUNK: u64 = 128;
 
 /// The decoded images of one dataset.
 #[derive(Debug)]
@@ -40,9 +38,8 @@ pub(crate) struct ImageCache {
     bytes: Mmap,
     /// Where the pixels begin.
     begin: usize,
-    images_each: usize,
-    /// Bytes of an image.
-    image: usize,
+    /// Bytes of an example.
+    example: usize,
 }
 
 impl ImageCache {
@@ -50,14 +47,9 @@ impl ImageCache {
     ///
     /// The file lies in the dataset's folder, or in a folder of the user's below the system's temporary one where
     /// nothing can be written there. Of several processes one decodes, and the others wait for it.
-    pub(crate) fn of(
-        reader: &DatasetReader,
-        input: [usize; 2],
-        images_each: usize,
-        progress: &dyn Fn(usize),
-    ) -> Result<Self> {
-        let contents = Contents { reader, input, images_each };
-        let beside = reader.dir().join(FOLDER);
+    pub(crate) fn of(images: &ImageStream, progress: &dyn Fn(usize)) -> Result<Self> {
+        let contents = Contents { images };
+        let beside = images.reader().dir().join(FOLDER);
         if let Ok(cache) = contents.open(&beside) {
             return Ok(cache);
         }
@@ -82,38 +74,36 @@ impl ImageCache {
         &self.path
     }
 
-    /// The pixels of an example's image 0 or 1.
-    pub(crate) fn image(&self, example: usize, which: usize) -> &[u8] {
-        let begin = self.begin + (example * self.images_each + which) * self.image;
-        &self.bytes[begin..begin + self.image]
+    /// The pixels of an example, those of all its images one after the other.
+    pub(crate) fn pixels(&self, example: u64) -> &[u8] {
+        let begin = self.begin + example as usize * self.example;
+        &self.bytes[begin..begin + self.example]
     }
 }
 
 /// What a file is made of.
 struct Contents<'a> {
-    reader: &'a DatasetReader,
-    input: [usize; 2],
-    images_each: usize,
+    images: &'a ImageStream,
 }
 
 impl Contents<'_> {
     fn path(&self, folder: &Path) -> PathBuf {
-        let [width, height] = self.input;
-        let digest = self.reader.info().digest.chars().filter(char::is_ascii_alphanumeric);
+        let [width, height] = self.images.input;
+        let digest = self.images.reader().info().digest.chars().filter(char::is_ascii_alphanumeric);
         folder.join(format!("{}-{width}x{height}.images", digest.take(16).collect::<String>()))
     }
 
     fn header(&self) -> Vec<u8> {
-        let info = self.reader.info();
-        let sizes = [self.input[0] as u64, self.input[1] as u64, self.images_each as u64, info.rows];
+        let ImageStream { input, images_each, .. } = *self.images;
+        let info = self.images.reader().info();
+        let sizes = [input[0] as u64, input[1] as u64, images_each as u64, info.rows];
         let sizes = sizes.map(u64::to_le_bytes);
         [MAGIC, &FORMAT.to_le_bytes(), sizes.as_flattened(), info.digest.as_bytes()].concat()
     }
 
     /// Size of the whole file.
     fn size(&self) -> u64 {
-        let example = self.images_each * input::bytes(self.input);
-        self.header().len() as u64 + self.reader.info().rows * example as u64
+        self.header().len() as u64 + self.images.reader().info().rows * self.images.example() as u64
     }
 
     /// Maps the file in a folder if it is there, and as it should be.
@@ -127,39 +117,23 @@ impl Contents<'_> {
         if !bytes.starts_with(&header) {
             return Err(ErrorKind::InvalidData.into());
         }
-        let (begin, images_each) = (header.len(), self.images_each);
-        Ok(ImageCache { path, bytes, begin, images_each, image: input::bytes(self.input) })
+        Ok(ImageCache { path, bytes, begin: header.len(), example: self.images.example() })
     }
 
-    /// Decodes in parallel, some examples at a time, and writes them in their order.
+    /// Decodes some examples at a time, and writes them in their order.
     fn write(&self, file: &mut dyn Write, path: &Path, progress: &dyn Fn(usize)) -> Result<()> {
         let failed = |source| Error::Cache { path: path.to_owned(), bytes: self.size(), source };
         file.write_all(&self.header()).map_err(failed)?;
-        let mut rows = self.reader.all::<ImagesRow>()?;
+        let rows = self.images.reader().info().rows;
         let mut done = 0;
-        loop {
-            let chunk: Vec<_> = rows.by_ref().take(CHUNK).collect::<Result<_, _>>()?;
-            if chunk.is_empty() {
-                return Ok(());
-            }
-            let decoded: Vec<_> = chunk.par_iter().map(|row| self.decoded(row)).collect::<Result<_>>()?;
+        while done < rows {
+            let end = rows.min(done + CHUNK);
+            let decoded = self.images.pixels(&(done..end).collect::<Vec<_>>())?;
             decoded.iter().try_for_each(|pixels| file.write_all(pixels)).map_err(failed)?;
-            done += chunk.len();
-            progress(done);
+            done = end;
+            progress(done as usize);
         }
-    }
-
-    /// The pixels of an example.
-    fn decoded(&self, row: &ImagesRow) -> Result<Vec<u8>> {
-        let at = |problem| {
-            let path = self.reader.dir().to_owned();
-            Error::Row { path, row: row.index as usize, problem }
-        };
-        if row.images.len() != self.images_each {
-            return Err(at(format!("it has {} images, not {}", row.images.len(), self.images_each)));
-        }
-        let images = row.images.iter().map(|png| decode(png, self.input));
-        Ok(images.collect::<Result<Vec<_>, _>>().map_err(at)?.concat())
+        Ok(())
     }
 }
 
@@ -192,30 +166,32 @@ pub(crate) mod tests {
     use std::cell::Cell;
     use std::thread;
 
+    use datagen::{DatasetReader, ImagesRow};
     use tempfile::TempDir;
 
     use super::*;
     use crate::examples::tests::dataset;
+    use crate::input::{self, decode};
 
     const SMALL: [usize; 2] = [32, 24];
 
     /// Images without a file.
-    pub(crate) fn in_memory(pixels: &[u8], images_each: usize, input: [usize; 2]) -> ImageCache {
+    pub(crate) fn in_memory(pixels: &[u8], example: usize) -> ImageCache {
         let mut bytes = memmap2::MmapMut::map_anon(pixels.len()).unwrap();
         bytes.copy_from_slice(pixels);
         let bytes = bytes.make_read_only().unwrap();
-        ImageCache { path: PathBuf::new(), bytes, begin: 0, images_each, image: input::bytes(input) }
+        ImageCache { path: PathBuf::new(), bytes, begin: 0, example }
     }
 
     /// The images of a dataset of pairs, and how many examples were decoded for them.
     fn opened(dataset: &TempDir, input: [usize; 2]) -> Result<(ImageCache, usize)> {
         let (reader, decoded) = (DatasetReader::open(dataset.path()).unwrap(), Cell::new(0));
-        let cache = ImageCache::of(&reader, input, 2, &|done| decoded.set(done))?;
+        let cache = ImageCache::of(&ImageStream::new(&reader, input, 2), &|done| decoded.set(done))?;
         Ok((cache, decoded.get()))
     }
 
     fn pixels(cache: &ImageCache) -> Vec<&[u8]> {
-        (0..8).map(|i| cache.image(i / 2, i % 2)).collect()
+        (0..4).map(|example| cache.pixels(example)).collect()
     }
 
     /// The files with images in the folder, and what was left there by mistake.
@@ -226,7 +202,7 @@ pub(crate) mod tests {
     }
 
     /// Overwrites what makes the images of a dataset PNG.
-    fn destroy_images(dataset: &TempDir) {
+    pub(crate) fn destroy_images(dataset: &TempDir) {
         for entry in fs::read_dir(dataset.path().join("data")).unwrap() {
             let path = entry.unwrap().path();
             let mut bytes = fs::read(&path).unwrap();
@@ -244,9 +220,11 @@ pub(crate) mod tests {
         let [(small, _), (tiny, _)] = [SMALL, [16, 12]].map(|input| opened(&dataset, input).unwrap());
         assert_eq!((small.path().parent(), files(&dataset).len()), (Some(&*dataset.path().join(FOLDER)), 2));
         let rows = DatasetReader::open(dataset.path()).unwrap().all::<ImagesRow>().unwrap();
-        let images: Vec<_> = rows.flat_map(|row| row.unwrap().images).collect();
+        let rows: Vec<_> = rows.map(Result::unwrap).collect();
         for (cache, input) in [(&small, SMALL), (&tiny, [16, 12])] {
-            let decoded: Vec<_> = images.iter().map(|png| decode(png, input).unwrap()).collect();
+            let decoded =
+                rows.iter().map(|row| [0, 1].map(|i| decode(&row.images[i], input).unwrap()).concat());
+            let decoded: Vec<_> = decoded.collect();
             assert_eq!(pixels(cache), decoded);
         }
         destroy_images(&dataset);
@@ -303,7 +281,7 @@ pub(crate) mod tests {
     fn a_full_disk_is_named_with_what_is_needed() {
         let dataset = dataset("a", 60.0);
         let reader = DatasetReader::open(dataset.path()).unwrap();
-        let contents = Contents { reader: &reader, input: [64, 48], images_each: 2 };
+        let contents = Contents { images: &ImageStream::new(&reader, [64, 48], 2) };
         let mut room = [0; 10_000];
         let error =
             contents.write(&mut room.as_mut_slice(), Path::new("full/a.images"), &|_| ()).unwrap_err();

@@ -23,6 +23,8 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Share of each dataset that is held out. Every phase is validated on these parts of all datasets.
     pub validation: f64,
+    /// Where a batch's images come from. Nothing but time, memory and disk space depends on it.
+    pub images: ImageSource,
     /// Published weights of FlowNetS or FlowNetC to begin from (see [`pretrained`](crate::pretrained)); without it the
     /// initial weights are random.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -35,6 +37,16 @@ pub struct TrainConfig {
     pub optimizer: OptimizerConfig,
     /// One after the other, each from where the one before ended.
     pub phases: Vec<PhaseConfig>,
+}
+
+/// Where the images of a batch come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ImageSource {
+    /// They are decoded once, before the first step, into a file that is mapped into memory.
+    Cache,
+    /// They are read and decoded for every batch, while the one before is computed.
+    Stream,
 }
 
 /// Architecture. The last two keys belong to `kind = "approach"` alone: there they are needed, elsewhere refused.
@@ -162,10 +174,12 @@ impl TrainConfig {
     }
 
     /// The first key that another configuration has different, its value there and here. Where the datasets lie does
-    /// not count, what they are is decided by their digests; how often state is saved changes no result.
+    /// not count, what they are is decided by their digests; how often state is saved and where images come from change no
+    /// result.
     pub(crate) fn difference(&self, other: &Self) -> Option<[String; 3]> {
         let values = |config: &Self| {
-            let config = Self { datasets: Vec::new(), checkpoint_steps: 1, ..config.clone() };
+            let images = ImageSource::Cache;
+            let config = Self { datasets: Vec::new(), checkpoint_steps: 1, images, ..config.clone() };
             Value::try_from(config).expect("it was read from TOML")
         };
         difference("", &values(other), &values(self))
@@ -247,6 +261,7 @@ pub(crate) mod tests {
             datasets: vec!["a".into()],
             seed: 7,
             validation: 0.25,
+            images: ImageSource::Cache,
             pretrained: None,
             checkpoint_steps: 4,
             network: NetworkConfig {
@@ -310,6 +325,7 @@ pub(crate) mod tests {
         let mut other = ours.clone();
         other.datasets = vec!["elsewhere".into()];
         other.checkpoint_steps += 1;
+        other.images = ImageSource::Stream;
         assert_eq!(ours.difference(&other), None);
         other.phases[0].epochs = 5;
         assert_eq!(ours.difference(&other), Some(["phases.0.epochs", "5", "4"].map(str::to_owned)));

@@ -1,5 +1,7 @@
-//! What a network learns from: the images of datasets at the size of its input, and their labels.
+//! What a network learns from: the images of datasets at the size of its input, and their labels. Labels are in memory; images
+//! come from a cache or are decoded when a batch needs them.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -9,9 +11,10 @@ use world::config::CameraConfig;
 
 use crate::cache::ImageCache;
 use crate::camera;
-use crate::config::Task;
+use crate::config::{ImageSource, Task};
 use crate::error::{Error, Result};
 use crate::net::DIRECTIONS;
+use crate::stream::ImageStream;
 
 /// Where examples come from; recorded in the checkpoint.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,9 +33,26 @@ pub struct Examples {
     input: [usize; 2],
     camera: CameraConfig,
     /// Those of each dataset.
-    images: Vec<ImageCache>,
+    images: Vec<DatasetImages>,
     labels: Labels,
     sources: Vec<Source>,
+}
+
+/// The images of one dataset at the size of the network's input.
+#[derive(Debug)]
+enum DatasetImages {
+    Cached(ImageCache),
+    Streamed(ImageStream),
+}
+
+impl DatasetImages {
+    /// The pixels of examples, those of all images of an example one after the other.
+    fn pixels(&self, examples: &[u64]) -> Result<Vec<Cow<'_, [u8]>>> {
+        Ok(match self {
+            Self::Cached(cache) => examples.iter().map(|&i| cache.pixels(i).into()).collect(),
+            Self::Streamed(stream) => stream.pixels(examples)?.into_iter().map(Cow::from).collect(),
+        })
+    }
 }
 
 /// One label an example.
@@ -45,9 +65,14 @@ pub(crate) enum Labels {
 }
 
 impl Examples {
-    /// Reads the labels of datasets and opens their decoded images. Where a dataset's have not been decoded yet they are
+    /// Reads the labels of datasets and opens their images. Those that are to be cached and have not been decoded yet are
     /// now, in parallel, and `progress` hears how many examples of how many are there.
-    pub fn load(task: &Task, datasets: &[PathBuf], progress: &dyn Fn(usize, usize)) -> Result<Self> {
+    pub fn load(
+        task: &Task,
+        source: ImageSource,
+        datasets: &[PathBuf],
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Self> {
         let readers: Vec<_> =
             datasets.iter().map(|path| DatasetReader::open(path)).collect::<Result<_, _>>()?;
         let camera = common_camera(&readers)?;
@@ -61,8 +86,15 @@ impl Examples {
             }
             examples.read_labels(task, reader)?;
             let decoded = |done| progress(before + done, rows);
-            let images = ImageCache::of(reader, examples.input, examples.images_each(), &decoded)?;
-            examples.images.push(images);
+            let stream = ImageStream::new(reader, examples.input, examples.images_each());
+            examples.images.push(match source {
+                ImageSource::Cache => DatasetImages::Cached(ImageCache::of(&stream, &decoded)?),
+                ImageSource::Stream => {
+                    // Images that do not fit are found before training.
+                    stream.pixels(&[0])?;
+                    DatasetImages::Streamed(stream)
+                }
+            });
             let rows = examples.len() - before;
             examples.sources.push(Source { name: info.name.clone(), digest: info.digest.clone(), rows });
         }
@@ -135,9 +167,12 @@ impl Examples {
     }
 
     /// The file with the decoded images of each dataset: in its folder, or in a folder of the user's below the system's
-    /// temporary one where nothing can be written there.
+    /// temporary one where nothing can be written there. None where images are streamed.
     pub fn caches(&self) -> impl Iterator<Item = &Path> {
-        self.images.iter().map(ImageCache::path)
+        self.images.iter().filter_map(|images| match images {
+            DatasetImages::Cached(cache) => Some(cache.path()),
+            DatasetImages::Streamed(_) => None,
+        })
     }
 
     /// The numbers of each dataset's examples.
@@ -163,16 +198,18 @@ impl Examples {
         }
     }
 
-    /// The pixels of an example's image 0 or 1.
-    pub(crate) fn image(&self, index: usize, which: usize) -> &[u8] {
-        let mut index = index;
-        for (source, images) in self.sources.iter().zip(&self.images) {
-            if index < source.rows {
-                return images.image(index, which);
+    /// The pixels of some examples, in the order asked for; those of all images of an example one after the other.
+    pub(crate) fn pixels(&self, indices: &[usize]) -> Result<Vec<Cow<'_, [u8]>>> {
+        let mut pixels = vec![Cow::Borrowed(&[][..]); indices.len()];
+        for (range, images) in self.ranges().iter().zip(&self.images) {
+            let inside = indices.iter().enumerate().filter(|(_, index)| range.contains(index));
+            let (places, rows): (Vec<_>, Vec<_>) =
+                inside.map(|(place, index)| (place, (index - range.start) as u64)).unzip();
+            for (place, found) in places.into_iter().zip(images.pixels(&rows)?) {
+                pixels[place] = found;
             }
-            index -= source.rows;
         }
-        panic!("no such example")
+        Ok(pixels)
     }
 }
 
@@ -199,7 +236,7 @@ pub(crate) mod tests {
     use world::LabelForm;
 
     use super::*;
-    use crate::cache::tests::in_memory;
+    use crate::cache::tests::{destroy_images, in_memory};
     use crate::config::tests::tiny;
     use crate::input::decode;
 
@@ -222,7 +259,7 @@ pub(crate) mod tests {
                 }
             }
         }
-        examples.images.push(in_memory(&pixels, examples.images_each(), examples.input));
+        examples.images.push(DatasetImages::Cached(in_memory(&pixels, pixels.len() / rows)));
         examples.sources.push(Source { name: "squares".to_owned(), digest: format!("{rows}"), rows });
         examples
     }
@@ -230,15 +267,12 @@ pub(crate) mod tests {
     /// Examples of [`squares`] as if they were of two datasets.
     pub(crate) fn two_datasets(task: &Task, rows: [usize; 2]) -> Examples {
         let mut examples = squares(task, rows[0] + rows[1]);
-        let whole_images = std::mem::take(&mut examples.images);
+        let pixels = examples.pixels(&(0..examples.len()).collect::<Vec<_>>()).unwrap();
+        let parts = [&pixels[..rows[0]], &pixels[rows[0]..]]
+            .map(|pixels| in_memory(&pixels.concat(), pixels[0].len()));
+        examples.images = parts.map(DatasetImages::Cached).into();
         examples.sources.clear();
-        let mut index = 0..;
         for rows in rows {
-            let each = examples.images_each();
-            let images = index.by_ref().take(rows).flat_map(|i| (0..each).map(move |which| (i, which)));
-            let pixels: Vec<u8> =
-                images.flat_map(|(i, which)| whole_images[0].image(i, which)).copied().collect();
-            examples.images.push(in_memory(&pixels, each, examples.input));
             examples.sources.push(Source {
                 name: format!("squares {rows}"),
                 digest: format!("{rows}"),
@@ -281,7 +315,11 @@ pub(crate) mod tests {
 
     fn load(kind: Kind, datasets: &[&TempDir]) -> Result<Examples> {
         let paths: Vec<_> = datasets.iter().map(|directory| directory.path().to_owned()).collect();
-        Examples::load(&tiny(kind).task().unwrap(), &paths, &|done, of| assert!(done <= of))
+        load_from(ImageSource::Cache, kind, &paths)
+    }
+
+    fn load_from(source: ImageSource, kind: Kind, paths: &[PathBuf]) -> Result<Examples> {
+        Examples::load(&tiny(kind).task().unwrap(), source, paths, &|done, of| assert!(done <= of))
     }
 
     #[test]
@@ -296,9 +334,29 @@ pub(crate) mod tests {
             let (row, images) = (row.unwrap(), images.unwrap().images);
             let label = LabelForm::Twist.label(&row.robot_from_current, &row.robot_from_goal);
             assert_eq!(labels[i].map(f64::to_bits), label.to_array().map(f64::to_bits));
-            assert_eq!(examples.image(i, 0), decode(&images[0], [32, 24]).unwrap());
-            assert_eq!(examples.image(i, 1), decode(&images[1], [32, 24]).unwrap());
+            let decoded = [0, 1].map(|which| decode(&images[which], [32, 24]).unwrap()).concat();
+            assert_eq!(examples.pixels(&[i]).unwrap(), [decoded]);
         }
+    }
+
+    #[test]
+    fn streamed_images_are_the_cached_ones() {
+        let [a, b] = [dataset("a", 60.0), dataset("b", 60.0)];
+        let paths = [&a, &b].map(|dataset| dataset.path().to_owned());
+        let streamed = load_from(ImageSource::Stream, Kind::Approach, &paths).unwrap();
+        assert!(paths.iter().all(|path| !path.join("cache").exists()));
+        assert_eq!(streamed.caches().count(), 0);
+        let cached = load_from(ImageSource::Cache, Kind::Approach, &paths).unwrap();
+        let indices = [6, 0, 3, 4, 6, 1];
+        let pixels = cached.pixels(&indices).unwrap();
+        assert_eq!(streamed.pixels(&indices).unwrap(), pixels);
+        assert_eq!((pixels[0] == pixels[4], pixels[0] == pixels[1]), (true, false));
+        destroy_images(&b);
+        assert_eq!(cached.pixels(&indices).unwrap(), pixels);
+        let error = streamed.pixels(&indices).unwrap_err().to_string();
+        assert!(error.contains(b.path().to_str().unwrap()) && error.contains("row 2:"), "{error}");
+        let error = load_from(ImageSource::Stream, Kind::Approach, &paths).unwrap_err().to_string();
+        assert!(error.contains("row 0:"), "{error}");
     }
 
     #[test]

@@ -18,7 +18,7 @@ use burn::module::Module;
 use burn::tensor::Device;
 
 use crate::adamw::AdamW;
-use crate::batch::Images;
+use crate::batch::{self, Batch};
 use crate::camera;
 use crate::checkpoint::{self, Checkpoint, Contents, ModelInfo, Resumption};
 use crate::config::{Task, TrainConfig};
@@ -234,40 +234,44 @@ impl Training<'_> {
         let Run { config, stop, .. } = *self.run;
         let [steps, epochs] = state.place.planned(&self.phases);
         let order = self.split.order(config.seed, state.place.epoch, &phase.counts);
-        let batches = order.chunks(config.optimizer.batch).take(phase.batches);
+        let batches = order.chunks(config.optimizer.batch).take(phase.batches).skip(state.place.batch);
         journal.begin_epoch();
-        for indices in batches.skip(state.place.batch) {
-            if stop.load(Ordering::Relaxed) {
-                return Err(self.interrupted(&state));
+        let state = batch::ahead(self.examples, batches, |batches| {
+            for batch in batches {
+                if stop.load(Ordering::Relaxed) {
+                    return Err(self.interrupted(&state));
+                }
+                let batch = batch?;
+                let step;
+                (state, step) = self.step(state, phase, &batch)?;
+                let place = &mut state.place;
+                place.step(step.loss, step.gradient_norm);
+                let epochs_done = place.epoch as f64 + place.batch as f64 / phase.batches as f64;
+                place.losses.add(step.loss, epochs_done, steps);
+                journal.step(place, batch.indices.len(), &step)?;
+                if place.steps.is_multiple_of(config.checkpoint_steps) && place.batch < phase.batches {
+                    self.save_last(&state)?;
+                }
+                progress(Progress::Step {
+                    epoch: [state.place.epoch + 1, epochs],
+                    step: [state.place.steps, steps],
+                    examples: batch.indices.len(),
+                    loss: step.loss,
+                });
             }
-            let step;
-            (state, step) = self.step(state, phase, indices)?;
-            let place = &mut state.place;
-            place.step(step.loss, step.gradient_norm);
-            let epochs_done = place.epoch as f64 + place.batch as f64 / phase.batches as f64;
-            place.losses.add(step.loss, epochs_done, steps);
-            journal.step(place, indices.len(), &step)?;
-            if place.steps.is_multiple_of(config.checkpoint_steps) && place.batch < phase.batches {
-                self.save_last(&state)?;
-            }
-            progress(Progress::Step {
-                epoch: [state.place.epoch + 1, epochs],
-                step: [state.place.steps, steps],
-                examples: indices.len(),
-                loss: step.loss,
-            });
-        }
-        match self.validated(&state.network) {
+            Ok(state)
+        })?;
+        match self.validated(&state.network)? {
             Some(metrics) => self.completed(state, phase, metrics, journal),
             None => Err(self.interrupted(&state)),
         }
     }
 
-    fn step(&self, state: State, phase: &Phase, indices: &[usize]) -> Result<(State, Step)> {
+    fn step(&self, state: State, phase: &Phase, batch: &Batch) -> Result<(State, Step)> {
         let State { network, mut optimizer, place, pretrained } = state;
         let device = self.device();
-        let outputs = network.forward(Images::of(self.examples, indices, &device));
-        let loss = mean_squared_error(outputs, self.targets.tensor(indices, &device));
+        let outputs = network.forward(batch.images(&device));
+        let loss = mean_squared_error(outputs, self.targets.tensor(batch.indices, &device));
         let learning_rate = phase.rate(place.phase_steps(phase));
         let taken = optimizer.step(network, loss, learning_rate, self.run.config.optimizer.gradient_clip);
         let step = Step { loss: taken.loss, learning_rate, gradient_norm: taken.gradient_norm };
@@ -278,17 +282,20 @@ impl Training<'_> {
     }
 
     /// What the network achieves on the examples held out; none if it was stopped meanwhile.
-    fn validated(&self, network: &Network) -> Option<Metrics> {
+    fn validated(&self, network: &Network) -> Result<Option<Metrics>> {
         let network = network.valid();
         let mut outputs = Vec::new();
-        for indices in self.split.validation.chunks(self.run.config.optimizer.batch) {
-            if self.run.stop.load(Ordering::Relaxed) {
-                return None;
+        let batches = self.split.validation.chunks(self.run.config.optimizer.batch);
+        batch::ahead(self.examples, batches, |batches| {
+            for batch in batches {
+                if self.run.stop.load(Ordering::Relaxed) {
+                    return Ok(None);
+                }
+                let output = network.forward(batch?.images(&self.device().inner()));
+                outputs.extend(output.into_data().iter::<f32>());
             }
-            let output = network.forward(Images::of(self.examples, indices, &self.device().inner()));
-            outputs.extend(output.into_data().iter::<f32>());
-        }
-        Some(self.targets.metrics(&self.split.validation, &outputs))
+            Ok(Some(self.targets.metrics(&self.split.validation, &outputs)))
+        })
     }
 
     /// Closes an epoch: record, best, last, in this order, so that a crash between them repeats what is missing.
@@ -363,9 +370,9 @@ pub(crate) mod tests {
     use datagen::Kind;
 
     use super::*;
-    use crate::config::PhaseConfig;
     use crate::config::tests::{phase, tiny};
-    use crate::examples::tests::{squares, two_datasets};
+    use crate::config::{ImageSource, PhaseConfig};
+    use crate::examples::tests::{dataset, squares, two_datasets};
     use crate::history;
 
     /// A run from its start, for which the clock stands still.
@@ -443,6 +450,31 @@ pub(crate) mod tests {
             run(&config, parts.path(), true, None).unwrap();
             assert_eq!(left(whole.path()), left(parts.path()), "{stops:?}");
         }
+    }
+
+    #[test]
+    fn streamed_and_cached_images_give_the_same_weights() {
+        let [a, b] = ["a", "b"].map(|name| dataset(name, 60.0));
+        let datasets = vec![a.path().to_owned(), b.path().to_owned()];
+        let (device, stop) = (Device::flex(), AtomicBool::new(false));
+        let [streamed, cached] = [ImageSource::Stream, ImageSource::Cache].map(|images| {
+            let mut config = TrainConfig { images, datasets: datasets.clone(), ..tiny(Kind::Approach) };
+            config.optimizer.batch = 2;
+            let directory = tempfile::tempdir().unwrap();
+            let examples =
+                Examples::load(&config.task().unwrap(), images, &config.datasets, &|_, _| ()).unwrap();
+            let mut losses = Vec::new();
+            let run = still(&config, directory.path(), &device, &stop);
+            let fitted = fit(&run, &examples, &mut |progress| {
+                if let Progress::Step { loss, .. } = progress {
+                    losses.push(loss.to_bits());
+                }
+            });
+            (losses, fitted.unwrap().last, left(directory.path()))
+        });
+        // Three steps an epoch.
+        assert_eq!(streamed.0.len(), 12);
+        assert_eq!(streamed, cached);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Networks, training loop and checkpoints (paper, Section 4).
 //!
-//! Datasets become [`examples`], their images decoded once; [`fit`](mod@fit) takes the [`network`] of a [`config`] through them and leaves
+//! Datasets become [`examples`], their images decoded once or for every batch; [`fit`](mod@fit) takes the [`network`] of a [`config`] through them and leaves
 //! [`checkpoint`]s; a [`model`] reads one and maps images to pose changes or avoidance maps.
 //!
 //! **Invariant:** weights are a pure function of configuration and data, on the CPU to the bit, no matter how often the
@@ -33,6 +33,7 @@ pub mod pretrained;
 mod publish;
 pub mod schedule;
 pub mod split;
+mod stream;
 mod targets;
 mod tensorboard;
 

@@ -196,7 +196,7 @@ mod tests {
         let examples = squares(&task, 16);
         let split = crate::split::Split::new(7, 0.25, &examples.ranges());
         let targets = crate::targets::Targets::new(&task, &examples, &split.learned()).unwrap();
-        let images = crate::batch::Images::of(&examples, &split.validation, &device);
+        let images = crate::batch::Batch::new(&examples, &split.validation).unwrap().images(&device);
         let outputs: Vec<f32> = best.network.forward(images).into_data().iter().collect();
         assert_eq!(targets.metrics(&split.validation, &outputs), best.info.epoch.unwrap().validation);
         assert_eq!(targets.standardization(), best.info.standardization.as_ref());
