@@ -21,6 +21,7 @@
 
 pub mod card;
 pub mod config;
+mod counts;
 pub mod error;
 pub mod example;
 pub mod features;
@@ -36,6 +37,8 @@ pub mod rejection;
 pub mod row;
 pub mod schema;
 pub mod shard;
+pub mod spread;
+pub mod statistics;
 #[cfg(test)]
 mod tiny;
 
@@ -47,4 +50,5 @@ pub use info::DatasetInfo;
 pub use placement::{Placement, Sampler};
 pub use progress::{Options, Progress};
 pub use reader::DatasetReader;
-pub use row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};
+pub use row::{ApproachRow, AvoidanceRow, CameraRow, ImagesRow, SceneRow};
+pub use statistics::DatasetStatistics;

@@ -162,7 +162,7 @@ fn open(part: &Part, columns: &[&str]) -> Result<ParquetRecordBatchReader> {
     reader.build().map_err(|error| damaged(path, &error))
 }
 
-fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
+pub(crate) fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
     Error::Damaged {
         path: path.to_owned(),
         expected: "a Parquet file of flowservo".to_owned(),

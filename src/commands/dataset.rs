@@ -3,6 +3,7 @@
 use super::{print_json, write_file};
 use crate::cli;
 use crate::config::Config;
+use crate::output::out;
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
 use anyhow::Result;
@@ -39,7 +40,7 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
             let config: DatasetConfig = file.parse()?;
             file.check(config.validate())?;
             let generated = generate(&config, out, stop)?;
-            println!(
+            out!(
                 "{}: {} rows, {} images, digest {}",
                 out.display(),
                 generated.rows,
@@ -56,7 +57,7 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
         cli::Dataset::Verify { dataset } => {
             let info = DatasetInfo::read(dataset)?;
             info.verify(dataset)?;
-            println!("{}: {} files are as they were written", dataset.display(), info.files.len());
+            out!("{}: {} files are as they were written", dataset.display(), info.files.len());
             print_json(json, &serde_json::json!({ "files": info.files.len(), "digest": info.digest }))
         }
     }
@@ -94,16 +95,13 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
 fn show(info: &DatasetInfo) {
     let DatasetInfo { config, .. } = info;
     let camera = &config.world.camera;
-    println!("dataset   {} ({}), flowservo {}", info.name, config.kind, info.version);
-    println!("rows      {} in {} files, {} images", info.rows, info.files.len(), info.images);
-    println!("size      {:.1} MB", info.bytes() as f64 / 1e6);
-    println!(
-        "images    {} x {} pixels, {} degrees wide",
-        camera.width, camera.height, camera.horizontal_fov_deg
-    );
-    println!("seed      {}", config.seed);
+    out!("dataset   {} ({}), flowservo {}", info.name, config.kind, info.version);
+    out!("rows      {} in {} files, {} images", info.rows, info.files.len(), info.images);
+    out!("size      {:.1} MB", info.bytes() as f64 / 1e6);
+    out!("images    {} x {} pixels, {} degrees wide", camera.width, camera.height, camera.horizontal_fov_deg);
+    out!("seed      {}", config.seed);
     for motion in &config.motions {
-        println!("motion    {} ({:.0} %)", motion.name, motion.share * 100.0);
+        out!("motion    {} ({:.0} %)", motion.name, motion.share * 100.0);
     }
-    println!("digest    {}", info.digest);
+    out!("digest    {}", info.digest);
 }

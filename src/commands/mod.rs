@@ -8,6 +8,7 @@ mod reproduce;
 mod train;
 
 use crate::cli::{Cli, Command};
+use crate::output::out;
 use crate::stop::Stop;
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -33,7 +34,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 /// With `--json`, prints a result as one line on standard output.
 fn print_json(asked: bool, result: &impl Serialize) -> Result<()> {
     if asked {
-        println!("{}", serde_json::to_string(result)?);
+        out!("{}", serde_json::to_string(result)?);
     }
     Ok(())
 }
