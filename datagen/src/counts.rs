@@ -3,22 +3,19 @@
 use crate::config::{DatasetConfig, Kind};
 use crate::error::{Error, Result};
 use crate::reader::DatasetReader;
-use crate::row::{Batch, Row};
+use crate::row::{Batch, MotionRow, Row};
 use crate::spread::Tally;
 use crate::statistics::{
-    ByteCounts, DatasetStatistics, HandStatistics, LabelStatistics, MapStatistics, MotionCount,
+    BLOCKED, ByteCounts, DatasetStatistics, HandStatistics, LabelStatistics, MapStatistics, MotionCount,
     NormStatistics, PoseSpreads, TwistStatistics,
 };
 use std::collections::BTreeMap;
 use std::ops::Range;
 use world::hiro::left_arm;
 
-/// A value from here on means that the direction is blocked.
-const BLOCKED: f64 = 0.5;
-
 /// What is counted of a row: all but images and scene.
 struct LabelRow {
-    motion: Option<usize>,
+    motion: usize,
     target_shape: String,
     obstacles: u64,
     /// Pose and joint angles of the hand, for each of its poses.
@@ -33,6 +30,7 @@ impl Row for LabelRow {
     const KIND: Option<Kind> = None;
     /// A dataset has either twists with two poses or maps with one.
     const COLUMNS: &'static [&'static str] = &[
+        "index",
         "motion",
         "target_shape",
         "obstacles",
@@ -57,10 +55,10 @@ impl Row for LabelRow {
         let hands = names.iter().map(sixes).collect::<Result<Vec<_>>>()?;
         let twists = if is_approach { batch.doubles("twist")? } else { Vec::new() };
         let maps = if is_approach { Vec::new() } else { batch.maps("values")? };
-        let (motions, obstacles) = (batch.classes("motion")?, batch.counts("obstacles")?);
+        let (motions, obstacles) = (MotionRow::decode(batch)?, batch.counts("obstacles")?);
         let shapes = batch.texts("target_shape")?;
         let row = |i: usize| Self {
-            motion: usize::try_from(motions.value(i)).ok(),
+            motion: motions[i].motion,
             target_shape: shapes.value(i).to_owned(),
             obstacles: obstacles.value(i),
             hands: hands.iter().map(|[poses, joints]| [poses[i], joints[i]]).collect(),
@@ -119,7 +117,7 @@ impl Counts {
         let mut counts = Self::new(&reader.info().config);
         for row in reader.rows::<LabelRow>(rows)? {
             let row = row?;
-            let motion = row.motion.and_then(|motion| counts.motions.get_mut(motion));
+            let motion = counts.motions.get_mut(row.motion);
             *motion.ok_or_else(|| Error::Damaged {
                 path: reader.dir().to_owned(),
                 expected: "motions of its configuration".to_owned(),

@@ -50,5 +50,5 @@ pub use info::DatasetInfo;
 pub use placement::{Placement, Sampler};
 pub use progress::{Options, Progress};
 pub use reader::DatasetReader;
-pub use row::{ApproachRow, AvoidanceRow, CameraRow, ImagesRow, SceneRow};
+pub use row::{ApproachRow, AvoidanceRow, CameraRow, ImagesRow, MotionRow, SceneRow};
 pub use statistics::DatasetStatistics;

@@ -62,6 +62,15 @@ pub struct SceneRow {
     pub scene: Scene,
 }
 
+/// Which motion it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MotionRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// Index into the configuration's motions.
+    pub motion: usize,
+}
+
 /// The camera that saw it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraRow {
@@ -138,6 +147,20 @@ impl Row for SceneRow {
         let row = |i: usize| {
             let scene = serde_json::from_str(texts.value(i)).map_err(|_| batch.wrong("scene"))?;
             Ok(Self { index: index.value(i), scene })
+        };
+        (0..batch.rows()).map(row).collect()
+    }
+}
+
+impl Row for MotionRow {
+    const KIND: Option<Kind> = None;
+    const COLUMNS: &'static [&'static str] = &["index", "motion"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let (index, motions) = (batch.counts("index")?, batch.classes("motion")?);
+        let row = |i: usize| {
+            let motion = usize::try_from(motions.value(i)).map_err(|_| batch.wrong("motion"))?;
+            Ok(Self { index: index.value(i), motion })
         };
         (0..batch.rows()).map(row).collect()
     }
@@ -225,7 +248,7 @@ impl Batch<'_> {
     }
 
     /// The error for a column that flowservo would not have written so.
-    fn wrong(&self, name: &str) -> Error {
+    pub(crate) fn wrong(&self, name: &str) -> Error {
         let found = match self.columns.column_by_name(name) {
             Some(column) => {
                 format!("values of type {} with {} nulls", column.data_type(), column.null_count())

@@ -12,6 +12,9 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
+/// An avoidance value from here on means that the direction is blocked: an obstacle is within 60 degrees of it.
+pub const BLOCKED: f64 = 0.5;
+
 /// What the rows of a dataset are like. Metres and radians; keys end in the unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DatasetStatistics {
@@ -110,7 +113,7 @@ pub struct MapStatistics {
     pub spread: Spread,
     /// Share of the values that are 0: no obstacle within 90 degrees.
     pub free: f64,
-    /// Share of the values from 0.5 on: an obstacle within 60 degrees.
+    /// Share of the values from [`BLOCKED`] on.
     pub blocked: f64,
     /// Share of the values in each tenth of 0 to 1.
     pub tenths: [f64; 10],

@@ -1,6 +1,6 @@
 //! `flowservo dataset`: make datasets and look into them.
 
-use super::{print_json, write_file};
+use super::{inspect, print_json, write_file};
 use crate::cli;
 use crate::config::Config;
 use crate::output::out;
@@ -49,11 +49,8 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
             );
             print_json(json, &generated)
         }
-        cli::Dataset::Info { dataset } => {
-            let info = DatasetInfo::read(dataset)?;
-            show(&info);
-            print_json(json, &info)
-        }
+        cli::Dataset::Info { dataset } => inspect::info(dataset, json),
+        cli::Dataset::Show(arguments) => inspect::show(arguments, json),
         cli::Dataset::Verify { dataset } => {
             let info = DatasetInfo::read(dataset)?;
             info.verify(dataset)?;
@@ -90,18 +87,4 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
         peak_rss_mb: peak_rss_mb(),
         digest: summary.digest,
     })
-}
-
-fn show(info: &DatasetInfo) {
-    let DatasetInfo { config, .. } = info;
-    let camera = &config.world.camera;
-    out!("dataset   {} ({}), flowservo {}", info.name, config.kind, info.version);
-    out!("rows      {} in {} files, {} images", info.rows, info.files.len(), info.images);
-    out!("size      {:.1} MB", info.bytes() as f64 / 1e6);
-    out!("images    {} x {} pixels, {} degrees wide", camera.width, camera.height, camera.horizontal_fov_deg);
-    out!("seed      {}", config.seed);
-    for motion in &config.motions {
-        out!("motion    {} ({:.0} %)", motion.name, motion.share * 100.0);
-    }
-    out!("digest    {}", info.digest);
 }

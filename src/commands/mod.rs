@@ -2,6 +2,7 @@
 
 mod dataset;
 mod eval;
+mod inspect;
 mod model;
 mod report;
 mod reproduce;
