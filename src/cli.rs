@@ -109,12 +109,15 @@ pub(crate) enum Dataset {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Show what a dataset holds.
+    /// Show what a dataset holds: counts, ranges, statistics of the labels, sizes.
     #[command(after_help = "Example: flowservo dataset info runs/data/a")]
     Info {
         /// The dataset's folder.
         dataset: PathBuf,
     },
+    /// Draw some rows on a contact sheet: images with their motion, or with their avoidance map.
+    #[command(after_help = "Example: flowservo dataset show runs/data/a --rows 0,5,17")]
+    Show(Show),
     /// Compare every file of a dataset with its digest.
     #[command(after_help = "Example: flowservo dataset verify runs/data/a")]
     Verify {
@@ -132,6 +135,25 @@ pub(crate) enum Dataset {
         #[arg(long)]
         out: Option<PathBuf>,
     },
+}
+
+/// `dataset show`
+#[derive(Debug, Args)]
+pub(crate) struct Show {
+    /// The dataset's folder.
+    pub(crate) dataset: PathBuf,
+    /// The drawing, an SVG file; NAME-sheet.svg by default, with the dataset's name.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: Option<PathBuf>,
+    /// Which rows, counted from 0.
+    #[arg(long, value_name = "ROW,ROW", value_delimiter = ',', conflicts_with_all = ["count", "seed"])]
+    pub(crate) rows: Vec<u64>,
+    /// How many rows, spread evenly over the dataset.
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub(crate) count: u64,
+    /// Draw the rows by chance from this seed.
+    #[arg(long, value_name = "SEED")]
+    pub(crate) seed: Option<u64>,
 }
 
 /// `train`

@@ -1,7 +1,6 @@
 //! `flowservo`: the one place that prints, knows devices and terminals, and wires the crates together.
 
 #![forbid(unsafe_code)]
-#![allow(clippy::print_stdout, clippy::print_stderr)]
 // Burn's wgpu types nest deeper than the default allows.
 #![recursion_limit = "256"]
 
@@ -9,9 +8,11 @@ mod cli;
 mod commands;
 mod config;
 mod device;
+mod output;
 mod progress;
 mod stop;
 
+use crate::output::note;
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -21,7 +22,7 @@ fn main() -> ExitCode {
     match commands::run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", config::in_words(&error));
+            note!("error: {}", config::in_words(&error));
             let usage = error.chain().any(<dyn std::error::Error>::is::<config::BadInput>);
             ExitCode::from(if usage { 2 } else { 1 })
         }

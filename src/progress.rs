@@ -1,6 +1,7 @@
 //! Progress for people: a bar with rate and remaining time on a terminal, a plain line now and then elsewhere.
 //! All of it goes to standard error; results go to standard output.
 
+use crate::output::note;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use std::fmt;
 use std::io::IsTerminal;
@@ -83,7 +84,7 @@ impl Progress {
         let rate = (done - self.before.load(Ordering::Relaxed)) as f64 / self.seconds().max(1e-9);
         let left = (total - done) as f64 / rate.max(1e-9);
         let Self { name, unit, .. } = self;
-        eprintln!(
+        note!(
             "{name}: {done}/{total} {unit}, {rate:.1}/s, about {left:.0} s left{}{message}",
             comma(message)
         );
@@ -131,8 +132,8 @@ impl Progress {
     /// A line of its own, above the bar.
     pub(crate) fn say(&self, line: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{line}")),
-            None => eprintln!("{line}"),
+            Some(bar) => bar.suspend(|| note!("{line}")),
+            None => note!("{line}"),
         }
     }
 
@@ -148,7 +149,7 @@ impl Progress {
             bar.finish_and_clear();
         }
         let done = self.done.load(Ordering::Relaxed) - self.before.load(Ordering::Relaxed);
-        eprintln!("{}: {done} {} in {seconds:.1} s", self.name, self.unit);
+        note!("{}: {done} {} in {seconds:.1} s", self.name, self.unit);
         seconds
     }
 }

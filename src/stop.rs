@@ -1,5 +1,6 @@
 //! Ctrl-C: the first asks the work to stop at the next safe place, the second ends the program at once.
 
+use crate::output::note;
 use anyhow::{Context, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +18,7 @@ impl Stop {
             if raised.0.swap(true, Ordering::SeqCst) {
                 std::process::exit(130);
             }
-            eprintln!("\nstopping at the next safe place; press Ctrl-C again to stop at once (nothing finished is lost)");
+            note!("\nstopping at the next safe place; press Ctrl-C again to stop at once (nothing finished is lost)");
         })
         .context("Ctrl-C cannot be caught")?;
         Ok(stop)

@@ -156,3 +156,15 @@ fn a_place_that_cannot_be_written() {
     let eval = format!("eval {} --out file/e --set sessions=1", config("eval/oracle.toml"));
     folder.run(&eval).fails(1, &["file/e"]);
 }
+
+#[test]
+fn a_reader_that_went_away() {
+    let folder = Folder::new();
+    // The work is done whether or not anyone reads how it goes.
+    folder.run_unread(&dataset(""), true).fails(141, &[]);
+    assert!(folder.path("data/dataset.json").exists());
+    let unread = folder.run_unread("dataset info data", false);
+    unread.fails(141, &[]);
+    assert_eq!(unread.stderr(), "");
+    folder.run_unread("model verify --registry models", true).fails(1, &[]);
+}

@@ -1,7 +1,11 @@
 //! `flowservo dataset`: the same bytes however they are made, and what `info` and `verify` say of them.
 
 use crate::support::{Folder, repository};
+use approx::assert_relative_eq;
+use datagen::row::Row;
+use datagen::{ApproachRow, AvoidanceRow, DatasetReader, SceneRow};
 use std::path::Path;
+use world::LabelForm;
 
 /// Arguments that make a small dataset.
 fn generate(config: &str, count: usize, out: &str) -> String {
@@ -60,6 +64,11 @@ fn a_result_for_scripts_comes_on_the_last_line() {
     assert_eq!((used.count, used.world.camera.width), (8, 32));
 }
 
+/// The rows of a dataset.
+fn rows<R: Row>(folder: &Path) -> Vec<R> {
+    DatasetReader::open(folder).unwrap().all().unwrap().collect::<Result<_, _>>().unwrap()
+}
+
 #[test]
 fn info_tells_and_verify_finds_a_flipped_byte() {
     let folder = Folder::new();
@@ -114,4 +123,100 @@ fn a_row_is_made_again_and_compared() {
     folder.run("dataset replay data 6").fails(1, &["train-00001-of-00002.parquet: expected"]);
     std::fs::remove_file(description).unwrap();
     folder.run("dataset replay data 6").fails(1, &["holds no complete dataset"]);
+}
+
+#[test]
+fn info_describes_approaches_in_words_and_numbers() {
+    let folder = Folder::new();
+    folder.run(&generate("c.toml", 14, "data")).ok();
+    let told = folder.run("dataset info data --json").ok();
+    let text = told.stdout();
+    for words in [
+        "3 files",
+        "range 2b to range 2b",
+        "(asked 50.0 %)",
+        "cuboid",
+        "obstacles",
+        "joint 6",
+        "nearer to a limit",
+    ] {
+        assert!(text.contains(words), "{words:?} in\n{text}");
+    }
+    // A page of a terminal; the last line is for scripts.
+    assert!(text.lines().count() <= 41, "{} lines", text.lines().count());
+    let statistics = &told.json()["statistics"];
+    let rows: Vec<ApproachRow> = rows(&folder.path("data"));
+    let lengths: Vec<f64> = rows
+        .iter()
+        .map(|row| LabelForm::Twist.label(&row.robot_from_current, &row.robot_from_goal).translation.norm())
+        .collect();
+    let found = &statistics["labels"]["twist"]["translation_m"];
+    assert_relative_eq!(found["mean"].as_f64().unwrap(), lengths.iter().sum::<f64>() / 14.0, epsilon = 1e-9);
+    assert_relative_eq!(
+        found["max"].as_f64().unwrap(),
+        lengths.iter().copied().fold(0.0, f64::max),
+        epsilon = 1e-9
+    );
+    assert!(text.contains(&format!("{:9.2}", lengths.iter().copied().fold(0.0, f64::max) * 1e3)), "{text}");
+    let files = files(&folder.path("data/data"));
+    let size: usize = files.iter().map(|(_, bytes)| bytes.len()).sum();
+    assert_eq!(statistics["bytes"]["total"].as_u64(), Some(size as u64));
+}
+
+#[test]
+fn info_describes_avoidance_maps() {
+    let folder = Folder::new();
+    folder.run(&generate("avoid.toml", 12, "data")).ok();
+    let told = folder.run("dataset info data --json").ok();
+    let values: Vec<f32> =
+        rows::<AvoidanceRow>(&folder.path("data")).into_iter().flat_map(|row| row.values).collect();
+    let free = values.iter().filter(|&&value| value == 0.0).count() as f64 / values.len() as f64;
+    let found = &told.json()["statistics"]["labels"]["values"];
+    assert_relative_eq!(found["free"].as_f64().unwrap(), free, epsilon = 1e-12);
+    let text = told.stdout();
+    assert!(text.contains(&format!("free (0) {:.1} %", free * 100.0)), "{text}");
+    assert!(text.lines().count() <= 41, "{} lines", text.lines().count());
+}
+
+#[test]
+fn show_draws_the_rows_that_are_asked_for() {
+    let folder = Folder::new();
+    folder.run(&generate("c.toml", 14, "data")).ok();
+    let drawing = |file: &str| std::fs::read_to_string(folder.path(file)).unwrap();
+    let shown = folder.run("dataset show data --rows 13,0,5 --json").ok();
+    let result = shown.json();
+    assert_eq!(
+        (&result["sheet"], &result["rows"]),
+        (&"approach_c-sheet.svg".into(), &serde_json::json!([13, 0, 5]))
+    );
+    let sheet = drawing("approach_c-sheet.svg");
+    assert_eq!(sheet.matches("data:image/png;base64,").count(), 6);
+    let places: Vec<_> = [13, 0, 5].map(|row| sheet.find(&format!(">row {row}<"))).into();
+    assert!(places.is_sorted() && places[0].is_some(), "{places:?}");
+    folder.run("dataset show data").ok();
+    assert_eq!(drawing("approach_c-sheet.svg").matches("data:image/png;base64,").count(), 24);
+    let [seven, again, eight] = [7, 7, 8].map(|seed| {
+        folder.run(&format!("dataset show data --count 3 --seed {seed} --out some/drawn.svg")).ok();
+        drawing("some/drawn.svg")
+    });
+    assert!(seven == again && seven != eight);
+    folder.run("dataset show data --rows 3,14").fails(2, &["--rows 14", "rows 0 to 13"]);
+    folder.run("dataset show data --rows 3 --seed 1").fails(2, &["--rows", "--seed"]);
+    folder.run("dataset show nowhere").fails(1, &["nowhere", "dataset.json"]);
+}
+
+#[test]
+fn show_draws_avoidance_maps() {
+    let folder = Folder::new();
+    folder.run(&generate("avoid.toml", 7, "data")).ok();
+    folder.run("dataset show data").ok();
+    let sheet = std::fs::read_to_string(folder.path("avoidance-sheet.svg")).unwrap();
+    assert_eq!(sheet.matches("data:image/png;base64,").count(), 7);
+    // All measuring points, the rims of two hemispheres, and two circles for a ring.
+    let circles = sheet.matches("<circle").count();
+    let scenes: Vec<SceneRow> = rows(&folder.path("data"));
+    let obstacles: usize = scenes.iter().map(|row| row.scene.obstacles.len()).sum();
+    let rings = sheet.matches("fill=\"none\" stroke=\"#0072b2\"").count();
+    assert_eq!(rings, obstacles);
+    assert_eq!(circles, 7 * (180 + 2) + 2 * obstacles);
 }

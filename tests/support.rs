@@ -1,7 +1,7 @@
 //! A temporary folder, and the program run in it.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 /// A temporary folder to run the program in.
 pub(crate) struct Folder(tempfile::TempDir);
@@ -32,6 +32,17 @@ impl Folder {
         Run { arguments: arguments.to_owned(), output }
     }
 
+    /// Runs it with standard output, and where asked standard error, as a pipe that no one reads.
+    pub(crate) fn run_unread(&self, arguments: &str, also_errors: bool) -> Run {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let errors = if also_errors { writer.try_clone().unwrap().into() } else { Stdio::piped() };
+        let mut program = Command::new(env!("CARGO_BIN_EXE_flowservo"));
+        program.args(arguments.split_whitespace()).current_dir(self.0.path());
+        let output = program.stdout(writer).stderr(errors).output().unwrap();
+        Run { arguments: arguments.to_owned(), output }
+    }
+
     /// Runs it with these Vulkan drivers alone, named by the files that announce them, and without OpenGL.
     #[cfg(feature = "wgpu-software")]
     pub(crate) fn run_with_driver(&self, driver: &str, arguments: &str) -> Run {
@@ -59,8 +70,8 @@ impl Folder {
         let mut child = Command::new(env!("CARGO_BIN_EXE_flowservo"))
             .args(arguments.split_whitespace())
             .current_dir(self.0.path())
-            .stdout(std::process::Stdio::null())
-            .stderr(std::process::Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
             .spawn()
             .unwrap();
         while child.try_wait().unwrap().is_none() {
@@ -79,8 +90,8 @@ impl Folder {
         let child = Command::new(env!("CARGO_BIN_EXE_flowservo"))
             .args(arguments.split_whitespace())
             .current_dir(self.0.path())
-            .stdout(std::process::Stdio::piped())
-            .stderr(std::process::Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         let begun = self.path(begun);

@@ -86,7 +86,7 @@ fn millimetres_and_degrees_stay_at_the_edges() {
     let edges = [
         "config",
         "commands/train",
-        "commands/dataset",
+        "commands/inspect",
         "error",
         "units",
         "metric",

@@ -22,6 +22,7 @@
 
 pub mod card;
 pub mod config;
+mod counts;
 pub mod error;
 pub mod example;
 pub mod features;
@@ -41,6 +42,8 @@ pub mod replay;
 pub mod row;
 pub mod schema;
 pub mod shard;
+pub mod spread;
+pub mod statistics;
 #[cfg(test)]
 mod tiny;
 
@@ -53,4 +56,5 @@ pub use placement::{Placement, Sampler};
 pub use progress::{Options, Progress};
 pub use reader::DatasetReader;
 pub use replay::{Replay, replay};
-pub use row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};
+pub use row::{ApproachRow, AvoidanceRow, CameraRow, ImagesRow, MotionRow, SceneRow};
+pub use statistics::DatasetStatistics;

@@ -284,7 +284,7 @@ impl<R: Row> Rows<R> {
     }
 }
 
-fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
+pub(crate) fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
     Error::Damaged {
         path: path.to_owned(),
         expected: "a Parquet file of flowservo".to_owned(),

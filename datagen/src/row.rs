@@ -3,9 +3,11 @@
 use crate::config::Kind;
 use crate::error::{Error, Result};
 use arrow_array::cast::AsArray as _;
-use arrow_array::types::{Float32Type, Float64Type, UInt64Type};
-use arrow_array::{Array, BinaryArray, FixedSizeListArray, RecordBatch, StringArray, UInt64Array};
-use nalgebra::{Isometry3, Vector3};
+use arrow_array::types::{Float32Type, Float64Type, Int64Type, UInt64Type};
+use arrow_array::{
+    Array, BinaryArray, FixedSizeListArray, Int64Array, RecordBatch, StringArray, UInt64Array,
+};
+use nalgebra::{Isometry3, Point2, Quaternion, Translation3, Unit, Vector3};
 use std::path::Path;
 use world::Scene;
 use world::pose::HandPose;
@@ -60,6 +62,28 @@ pub struct SceneRow {
     pub scene: Scene,
 }
 
+/// Which motion it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MotionRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// Index into the configuration's motions.
+    pub motion: usize,
+}
+
+/// The camera that saw it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraRow {
+    /// Row of the dataset.
+    pub index: u64,
+    /// Focal length, the same along both axes \[pixels\].
+    pub focal: f64,
+    /// Principal point \[pixels\].
+    pub center: Point2<f64>,
+    /// Mount.
+    pub hand_from_camera: Isometry3<f64>,
+}
+
 impl Row for ImagesRow {
     const KIND: Option<Kind> = None;
     /// A dataset has the first, or the other two.
@@ -104,14 +128,11 @@ impl Row for AvoidanceRow {
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
         let index = batch.counts("index")?;
         let pose = batch.poses("pose")?;
-        let values = batch.lists("values")?;
-        let floats =
-            values.values().as_primitive_opt::<Float32Type>().ok_or_else(|| batch.wrong("values"))?;
-        let length = values.value_length() as usize;
+        let values = batch.maps("values")?;
         let row = |i: usize| Self {
             index: index.value(i),
             robot_from_hand: pose[i].robot_from_hand(),
-            values: floats.values()[i * length..(i + 1) * length].to_vec(),
+            values: values[i].to_vec(),
         };
         Ok((0..batch.rows()).map(row).collect())
     }
@@ -132,6 +153,40 @@ impl Row for SceneRow {
     }
 }
 
+impl Row for MotionRow {
+    const KIND: Option<Kind> = None;
+    const COLUMNS: &'static [&'static str] = &["index", "motion"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let (index, motions) = (batch.counts("index")?, batch.classes("motion")?);
+        let row = |i: usize| {
+            let motion = usize::try_from(motions.value(i)).map_err(|_| batch.wrong("motion"))?;
+            Ok(Self { index: index.value(i), motion })
+        };
+        (0..batch.rows()).map(row).collect()
+    }
+}
+
+impl Row for CameraRow {
+    const KIND: Option<Kind> = None;
+    const COLUMNS: &'static [&'static str] = &["index", "camera", "hand_from_camera"];
+
+    fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
+        let index = batch.counts("index")?;
+        let (cameras, mounts) = (batch.doubles("camera")?, batch.doubles("hand_from_camera")?);
+        let row = |(i, ([focal, _, u, v], [x, y, z, qx, qy, qz, qw])): (usize, ([f64; 4], [f64; 7]))| Self {
+            index: index.value(i),
+            focal,
+            center: Point2::new(u, v),
+            hand_from_camera: Isometry3::from_parts(
+                Translation3::new(x, y, z),
+                Unit::new_unchecked(Quaternion::new(qw, qx, qy, qz)),
+            ),
+        };
+        Ok(cameras.into_iter().zip(mounts).enumerate().map(row).collect())
+    }
+}
+
 /// Some rows of a file, and which file.
 pub struct Batch<'a> {
     pub(crate) path: &'a Path,
@@ -139,15 +194,15 @@ pub struct Batch<'a> {
 }
 
 impl Batch<'_> {
-    fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.columns.num_rows()
     }
 
-    fn counts(&self, name: &str) -> Result<&UInt64Array> {
+    pub(crate) fn counts(&self, name: &str) -> Result<&UInt64Array> {
         self.column(name)?.as_primitive_opt::<UInt64Type>().ok_or_else(|| self.wrong(name))
     }
 
-    fn texts(&self, name: &str) -> Result<&StringArray> {
+    pub(crate) fn texts(&self, name: &str) -> Result<&StringArray> {
         self.column(name)?.as_string_opt::<i32>().ok_or_else(|| self.wrong(name))
     }
 
@@ -161,16 +216,31 @@ impl Batch<'_> {
     }
 
     fn poses(&self, name: &str) -> Result<Vec<HandPose>> {
-        let lists = self.lists(name)?;
-        let numbers = lists.values().as_primitive_opt::<Float64Type>().ok_or_else(|| self.wrong(name))?;
-        if lists.value_length() != 6 {
-            return Err(self.wrong(name));
-        }
-        let pose = |v: &[f64]| HandPose {
+        let pose = |v: [f64; 6]| HandPose {
             position: Vector3::new(v[0], v[1], v[2]),
             angles: Vector3::new(v[3], v[4], v[5]),
         };
-        Ok(numbers.values().chunks_exact(6).map(pose).collect())
+        Ok(self.doubles(name)?.into_iter().map(pose).collect())
+    }
+
+    /// Rows of N exact numbers.
+    pub(crate) fn doubles<const N: usize>(&self, name: &str) -> Result<Vec<[f64; N]>> {
+        let numbers = self.lists(name)?.values().as_primitive_opt::<Float64Type>();
+        let (rows, rest) = numbers.ok_or_else(|| self.wrong(name))?.values().as_chunks();
+        let fits = rest.is_empty() && rows.len() == self.rows();
+        if fits { Ok(rows.to_vec()) } else { Err(self.wrong(name)) }
+    }
+
+    /// Rows of as many numbers as networks take.
+    pub(crate) fn maps(&self, name: &str) -> Result<Vec<&[f32]>> {
+        let lists = self.lists(name)?;
+        let numbers = lists.values().as_primitive_opt::<Float32Type>().ok_or_else(|| self.wrong(name))?;
+        Ok(numbers.values().chunks_exact(lists.value_length().max(1) as usize).collect())
+    }
+
+    /// Indices into names.
+    pub(crate) fn classes(&self, name: &str) -> Result<&Int64Array> {
+        self.column(name)?.as_primitive_opt::<Int64Type>().ok_or_else(|| self.wrong(name))
     }
 
     fn column(&self, name: &str) -> Result<&dyn Array> {
@@ -179,7 +249,7 @@ impl Batch<'_> {
     }
 
     /// The error for a column that flowservo would not have written so.
-    fn wrong(&self, name: &str) -> Error {
+    pub(crate) fn wrong(&self, name: &str) -> Error {
         let found = match self.columns.column_by_name(name) {
             Some(column) => {
                 format!("values of type {} with {} nulls", column.data_type(), column.null_count())
@@ -199,6 +269,7 @@ mod tests {
     use super::*;
     use crate::reader::DatasetReader;
     use crate::tiny::{config, make};
+    use world::Camera;
     use world::units::{to_deg, to_mm};
 
     /// Height of the reference point \[mm\], and half-widths \[mm, degrees\], as printed in Section 6.2 of the paper.
@@ -239,6 +310,15 @@ mod tests {
                 fine_rows += usize::from(within(fine));
             }
             assert!((5..=25).contains(&fine_rows), "{name}: {fine_rows} of 30");
+        }
+    }
+
+    #[test]
+    fn a_camera_is_read_as_it_was_configured() {
+        let expected = Camera::new(&config("a", 1).world.camera);
+        for row in rows::<CameraRow>("a") {
+            assert_eq!((row.focal, row.center), (expected.focal, expected.center));
+            assert_eq!(row.hand_from_camera, expected.hand_from_camera);
         }
     }
 

@@ -6,6 +6,7 @@
 //! show in it.
 
 use crate::trace::SessionRecord;
+use datagen::spread::percentile;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use world::PoseChange;
@@ -60,15 +61,6 @@ impl Distribution {
             maximum: sorted.last().copied().unwrap_or(f64::NAN),
         }
     }
-}
-
-/// Percentile of ascending numbers, linear between neighbors at rank `(n - 1) percent / 100` (R's type 7, numpy's default).
-fn percentile(ascending: &[f64], percent: f64) -> f64 {
-    let Some(last) = ascending.len().checked_sub(1) else { return f64::NAN };
-    let rank = last as f64 * percent / 100.0;
-    let below = rank.floor() as usize;
-    let above = (below + 1).min(last);
-    ascending[below] + (ascending[above] - ascending[below]) * (rank - rank.floor())
 }
 
 /// Accuracy of a system over its sessions; metres and radians.
@@ -167,16 +159,6 @@ mod tests {
         // Rank 3 * 0.95 = 2.85 lies between 2 and 7.
         assert_relative_eq!(d.percentile_95, 2.0 + 0.85 * 5.0, epsilon = 1e-12);
         assert_relative_eq!(d.maximum, 7.0);
-    }
-
-    #[test]
-    fn percentile_of_0_to_100_is_itself_and_the_ends_are_the_extremes() {
-        let values: Vec<f64> = (0..=100).map(f64::from).collect();
-        for percent in [0.0, 2.5, 50.0, 95.0, 100.0] {
-            assert_relative_eq!(percentile(&values, percent), percent, epsilon = 1e-12);
-        }
-        assert_relative_eq!(percentile(&[4.0], 95.0), 4.0);
-        assert!(percentile(&[], 50.0).is_nan());
     }
 
     #[test]

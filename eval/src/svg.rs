@@ -76,6 +76,9 @@ pub struct Area {
     pub height: f64,
 }
 
+/// Length of an arrow's head.
+const ARROW_HEAD: f64 = 8.0;
+
 /// A drawing; the origin is its upper left corner, y points down.
 #[derive(Debug, Clone)]
 pub struct Svg {
@@ -119,6 +122,42 @@ impl Svg {
     pub fn disc(&mut self, [x, y]: [f64; 2], radius: f64, fill: &str, rim: &str) {
         self.push(format_args!(
             "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"{fill}\" stroke=\"{rim}\" stroke-width=\"0.75\"/>"
+        ));
+    }
+
+    /// A circle that covers nothing inside.
+    pub fn ring(&mut self, [x, y]: [f64; 2], radius: f64, stroke: &Stroke) {
+        let Stroke { color, width, .. } = stroke;
+        self.push(format_args!(
+            "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"/>"
+        ));
+    }
+
+    /// An arrow with its tip at the last point, and a white rim, so that it is seen on any image.
+    pub fn arrow(&mut self, from: [f64; 2], to: [f64; 2], color: &str) {
+        let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+        let length = dx.hypot(dy);
+        // A short arrow is mostly head, and a shorter one has a smaller head.
+        let head = ARROW_HEAD.min(0.7 * length);
+        let [ux, uy] = if length > 0.0 { [dx / length, dy / length] } else { [0.0, 0.0] };
+        let at = |along: f64, aside: f64| {
+            let back = along - length;
+            format!("{:.2},{:.2}", to[0] + back * ux - aside * uy, to[1] + back * uy + aside * ux)
+        };
+        let (neck, half) = (length - head, 0.42 * head);
+        let outline = [
+            at(0.0, 0.6),
+            at(neck, 0.9),
+            at(neck, half),
+            at(length, 0.0),
+            at(neck, -half),
+            at(neck, -0.9),
+            at(0.0, -0.6),
+        ];
+        self.push(format_args!(
+            "<polygon points=\"{}\" fill=\"{color}\" stroke=\"#ffffff\" stroke-width=\"1.4\" paint-order=\"stroke\" \
+             stroke-linejoin=\"round\"/>",
+            outline.join(" ")
         ));
     }
 
@@ -234,6 +273,20 @@ pub(crate) mod tests {
             assert_eq!(base64(plain.as_bytes()), encoded);
         }
         assert_eq!(base64(&[0xfb, 0xff, 0xbf]), "+/+/");
+    }
+
+    #[test]
+    fn the_tip_of_an_arrow_is_where_it_leads() {
+        for (to, tip) in
+            [([13.0, 44.0], "13.00,44.00"), ([10.0, 40.5], "10.00,40.50"), ([10.0, 40.0], "10.00,40.00")]
+        {
+            let mut svg = Svg::new(100.0, 50.0, "arrow");
+            svg.arrow([10.0, 40.0], to, INK);
+            let text = svg.finish();
+            let outline = text.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+            assert_eq!(outline.split(' ').nth(3), Some(tip), "{outline}");
+            assert!(!text.contains("NaN"));
+        }
     }
 
     #[test]

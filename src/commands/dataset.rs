@@ -1,8 +1,9 @@
 //! `flowservo dataset`: make datasets and look into them.
 
-use super::{print_json, replay, write_file};
+use super::{inspect, print_json, replay, write_file};
 use crate::cli;
 use crate::config::Config;
+use crate::output::out;
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
 use anyhow::Result;
@@ -39,7 +40,7 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
             let config: DatasetConfig = file.parse()?;
             file.check(config.validate())?;
             let generated = generate(&config, out, stop)?;
-            println!(
+            out!(
                 "{}: {} rows, {} images, digest {}",
                 out.display(),
                 generated.rows,
@@ -48,15 +49,12 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
             );
             print_json(json, &generated)
         }
-        cli::Dataset::Info { dataset } => {
-            let info = DatasetInfo::read(dataset)?;
-            show(&info);
-            print_json(json, &info)
-        }
+        cli::Dataset::Info { dataset } => inspect::info(dataset, json),
+        cli::Dataset::Show(arguments) => inspect::show(arguments, json),
         cli::Dataset::Verify { dataset } => {
             let info = DatasetInfo::read(dataset)?;
             info.verify(dataset)?;
-            println!("{}: {} files are as they were written", dataset.display(), info.files.len());
+            out!("{}: {} files are as they were written", dataset.display(), info.files.len());
             print_json(json, &serde_json::json!({ "files": info.files.len(), "digest": info.digest }))
         }
         cli::Dataset::Replay { dataset, row, out } => replay::run(dataset, *row, out.as_deref(), json),
@@ -90,21 +88,4 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
         peak_rss_mb: peak_rss_mb(),
         digest: summary.digest,
     })
-}
-
-fn show(info: &DatasetInfo) {
-    let DatasetInfo { config, .. } = info;
-    let camera = &config.world.camera;
-    println!("dataset   {} ({}), flowservo {}", info.name, config.kind, info.version);
-    println!("rows      {} in {} files, {} images", info.rows, info.files.len(), info.images);
-    println!("size      {:.1} MB", info.bytes() as f64 / 1e6);
-    println!(
-        "images    {} x {} pixels, {} degrees wide",
-        camera.width, camera.height, camera.horizontal_fov_deg
-    );
-    println!("seed      {}", config.seed);
-    for motion in &config.motions {
-        println!("motion    {} ({:.0} %)", motion.name, motion.share * 100.0);
-    }
-    println!("digest    {}", info.digest);
 }

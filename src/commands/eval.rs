@@ -4,6 +4,7 @@ use super::{print_json, write_file};
 use crate::cli;
 use crate::config::Config;
 use crate::device::{self, Opened};
+use crate::output::out;
 use crate::progress::Progress;
 use crate::stop::Stop;
 use anyhow::{Context, Result};
@@ -40,7 +41,7 @@ pub(crate) fn run(arguments: &cli::Eval, stop: &Stop, json: bool) -> Result<()> 
     write(&arguments.out, &config, &records)?;
     let system = System::of("flowservo", &records);
     write_tables(&arguments.out, std::slice::from_ref(&system))?;
-    println!("{}", tables::to_text(std::slice::from_ref(&system)));
+    out!("{}", tables::to_text(std::slice::from_ref(&system)));
     print_json(json, &measures::to_json(&system))
 }
 

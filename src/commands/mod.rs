@@ -2,6 +2,7 @@
 
 mod dataset;
 mod eval;
+mod inspect;
 mod model;
 mod replay;
 mod report;
@@ -9,6 +10,7 @@ mod reproduce;
 mod train;
 
 use crate::cli::{Cli, Command};
+use crate::output::out;
 use crate::stop::Stop;
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -34,7 +36,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 /// With `--json`, prints a result as one line on standard output.
 fn print_json(asked: bool, result: &impl Serialize) -> Result<()> {
     if asked {
-        println!("{}", serde_json::to_string(result)?);
+        out!("{}", serde_json::to_string(result)?);
     }
     Ok(())
 }

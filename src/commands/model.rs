@@ -3,6 +3,7 @@
 use super::print_json;
 use crate::cli;
 use crate::config::bad_input;
+use crate::output::out;
 use anyhow::{Context, Result, bail};
 use registry::{ModelName, ModelRef, ModelVersion, Published, Pulled, Registry};
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             let models = Registry::open(&registry.registry)?.list()?;
             for model in &models {
                 let versions: Vec<String> = model.versions.iter().map(ToString::to_string).collect();
-                println!("{}  versions {}", model.name, versions.join(", "));
+                out!("{}  versions {}", model.name, versions.join(", "));
             }
             print_json(json, &models)
         }
@@ -31,8 +32,8 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             let pulled = Registry::open(&registry.registry)?.pull(&reference(model)?, out)?;
             let ModelVersion { name, version, .. } = pulled.version();
             match &pulled {
-                Pulled::New(_) => println!("{}: {name}@{version}, every digest checked", out.display()),
-                Pulled::AlreadyThere(_) => println!("{} held {name}@{version} already", out.display()),
+                Pulled::New(_) => out!("{}: {name}@{version}, every digest checked", out.display()),
+                Pulled::AlreadyThere(_) => out!("{} held {name}@{version} already", out.display()),
             }
             print_json(json, pulled.version())
         }
@@ -40,9 +41,9 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             let asked = model.as_deref().map(reference).transpose()?;
             let found = Registry::open(&registry.registry)?.verify(asked.as_ref())?;
             for problem in &found.problems {
-                println!("{problem}");
+                out!("{problem}");
             }
-            println!(
+            out!(
                 "{} versions, {} files read, {} problems",
                 found.versions,
                 found.blobs,
@@ -68,9 +69,9 @@ pub(crate) fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Res
     let published = registry.publish(&name, checkpoint, provenance)?;
     let ModelVersion { name, version, .. } = published.version();
     match &published {
-        Published::New(_) => println!("published {name}@{version}"),
+        Published::New(_) => out!("published {name}@{version}"),
         Published::AlreadyThere(_) => {
-            println!("{name}@{version} has this content already; nothing was published");
+            out!("{name}@{version} has this content already; nothing was published");
         }
     }
     Ok(published)
@@ -97,14 +98,14 @@ pub(crate) fn checkpoint(model: &str, registry: &Path) -> Result<PathBuf> {
 
 fn show(version: &ModelVersion) {
     let ModelVersion { name, version: number, digest, manifest, .. } = version;
-    println!("{name}@{number}  {digest}");
+    out!("{name}@{number}  {digest}");
     for layer in &manifest.layers {
-        println!("  {:32} {:>12} bytes  {}", layer.path().unwrap_or("?"), layer.size, layer.digest);
+        out!("  {:32} {:>12} bytes  {}", layer.path().unwrap_or("?"), layer.size, layer.digest);
     }
     for (dataset, digest) in &manifest.lineage.datasets {
-        println!("  trained on {dataset}  {digest}");
+        out!("  trained on {dataset}  {digest}");
     }
     for (metric, value) in &manifest.metrics {
-        println!("  {metric} = {value:.4}");
+        out!("  {metric} = {value:.4}");
     }
 }

@@ -1,6 +1,7 @@
 //! `flowservo dataset replay`: makes a row again and compares it with what is stored.
 
 use super::{print_json, write_file};
+use crate::output::out;
 use anyhow::{Context, Result, bail};
 use datagen::replay::Comparison;
 use datagen::{DatasetReader, Replay};
@@ -82,16 +83,16 @@ fn show(replayed: &Replayed) {
         .filter_map(|Comparison { column, difference }| Some((column, difference.as_ref()?)))
         .collect();
     let compared = replayed.columns.len();
-    println!("row        {} of {}", replayed.row, replayed.dataset);
-    println!("motion     {}", replayed.motion);
-    println!("target     {}", replayed.target);
-    println!("obstacles  {}", replayed.obstacles);
-    println!("columns    {} of {compared} are the same to the bit", compared - differences.len());
+    out!("row        {} of {}", replayed.row, replayed.dataset);
+    out!("motion     {}", replayed.motion);
+    out!("target     {}", replayed.target);
+    out!("obstacles  {}", replayed.obstacles);
+    out!("columns    {} of {compared} are the same to the bit", compared - differences.len());
     for (column, difference) in differences {
-        println!("  {column:<24}  {difference}");
+        out!("  {column:<24}  {difference}");
     }
     for image in &replayed.images {
-        println!("image      {}", image.display());
+        out!("image      {}", image.display());
     }
 }
 

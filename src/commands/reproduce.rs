@@ -20,6 +20,7 @@ use super::{dataset, eval, model, print_json, report, train, write_file};
 use crate::cli;
 use crate::config::{Config, bad_input};
 use crate::device::{self, Opened};
+use crate::output::{note, out};
 use crate::stop::Stop;
 use ::eval::config::EvalConfig;
 use ::eval::measures::{self, System};
@@ -95,7 +96,7 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
     let out = arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(preset));
     write_file(&out.join("config.toml"), toml::to_string(&config)?)?;
     let device = device::open(arguments.device)?;
-    eprintln!("reproduce: preset {preset}, into {}, on {}", out.display(), device.name);
+    note!("reproduce: preset {preset}, into {}, on {}", out.display(), device.name);
 
     let mut reproduction = Reproduction { config, out, device, stop, stages: Vec::new() };
     let reproduced = reproduction.all_stages().map_err(|error| {
@@ -107,9 +108,9 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
     let results = results(&reproduced, started.elapsed().as_secs_f64());
     write_file(&out.join("results.json"), serde_json::to_string_pretty(&results)?)?;
     report::write(preset, &reproduced, &device, &out)?;
-    println!("{}", tables::to_text(&systems));
-    println!("report: {}", out.join("report.html").display());
-    eprintln!("reproduce: done in {:.0} s", started.elapsed().as_secs_f64());
+    out!("{}", tables::to_text(&systems));
+    out!("report: {}", out.join("report.html").display());
+    note!("reproduce: done in {:.0} s", started.elapsed().as_secs_f64());
     print_json(json, &results)
 }
 
@@ -200,7 +201,7 @@ impl Reproduction<'_> {
 
     fn done(&mut self, name: String, seconds: Option<f64>, result: String) {
         if seconds.is_none() {
-            eprintln!("{name}: finished before; {result}");
+            note!("{name}: finished before; {result}");
         }
         self.stages.push(Stage { name, seconds, result });
     }

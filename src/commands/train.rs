@@ -4,6 +4,7 @@ use super::{print_json, write_file};
 use crate::cli;
 use crate::config::Config;
 use crate::device::{self, Opened};
+use crate::output::{note, out};
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
 use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
@@ -69,11 +70,11 @@ pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()>
         resume: arguments.resume,
     };
     let trained = fit(&job, stop)?;
-    println!("best epoch     {}: {}", trained.best.epoch, in_words(&trained.best.validation));
-    println!("checkpoint     {}", trained.checkpoint.display());
-    println!("metrics        {}", arguments.out.join("metrics.jsonl").display());
-    println!("curves         {}", arguments.out.join(CURVES).display());
-    println!("TensorBoard    tensorboard --logdir {}", arguments.out.join("tensorboard").display());
+    out!("best epoch     {}: {}", trained.best.epoch, in_words(&trained.best.validation));
+    out!("checkpoint     {}", trained.checkpoint.display());
+    out!("metrics        {}", arguments.out.join("metrics.jsonl").display());
+    out!("curves         {}", arguments.out.join(CURVES).display());
+    out!("TensorBoard    tensorboard --logdir {}", arguments.out.join("tensorboard").display());
     print_json(json, &trained)
 }
 
@@ -103,7 +104,7 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     for (dataset, cache) in config.datasets.iter().zip(examples.caches()) {
         if !cache.starts_with(dataset) {
             let (dataset, cache) = (dataset.display(), cache.display());
-            eprintln!("{name}: nothing can be written in {dataset}; decoded images are in {cache}");
+            note!("{name}: nothing can be written in {dataset}; decoded images are in {cache}");
         }
     }
     let progress = Progress::start(name, "examples", 0);

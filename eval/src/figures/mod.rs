@@ -1,7 +1,10 @@
-//! The paper's figures, drawn from sessions: SVG with everything inside, and what must be said beside it.
+//! The paper's figures, drawn from sessions, and contact sheets of datasets: SVG with everything inside, and what must be said beside it.
 
 pub mod avoidance_maps;
+pub mod contact_sheet;
 pub mod final_poses;
+pub mod flow;
+mod hemisphere;
 pub mod onlooker;
 pub mod pose_error;
 pub mod snapshots;
