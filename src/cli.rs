@@ -2,6 +2,7 @@
 
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use datagen::Part;
 use std::path::PathBuf;
 
 /// Learned visual servoing in virtual environments: datasets, networks, servo sessions, and the paper's tables.
@@ -97,10 +98,13 @@ impl Preset {
 /// `dataset`
 #[derive(Debug, Subcommand)]
 pub(crate) enum Dataset {
-    /// Sample, render and write a dataset.
-    #[command(
-        after_help = "Example: flowservo dataset generate configs/datasets/a.toml --out runs/data/a --set count=4000"
-    )]
+    /// Sample, render and write a dataset, or what is missing of it.
+    #[command(after_help = "Examples:\n  \
+                            flowservo dataset generate configs/datasets/a.toml --out runs/data/a --set count=4000\n\n\
+                            On two machines that share the folder, or whose folders are copied together after:\n  \
+                            flowservo dataset generate configs/datasets/a.toml --out runs/data/a --shard 1/2\n  \
+                            flowservo dataset generate configs/datasets/a.toml --out runs/data/a --shard 2/2\n  \
+                            flowservo dataset finish runs/data/a")]
     Generate {
         /// The dataset's configuration.
         #[command(flatten)]
@@ -108,6 +112,15 @@ pub(crate) enum Dataset {
         /// Folder to write.
         #[arg(long)]
         out: PathBuf,
+        /// Make only part I of N of the files, every N-th; `dataset finish` completes the dataset.
+        #[arg(long, value_name = "I/N")]
+        shard: Option<Part>,
+    },
+    /// Complete a dataset whose parts were made with --shard: check every file, write card and dataset.json.
+    #[command(after_help = "Example: flowservo dataset finish runs/data/a")]
+    Finish {
+        /// The dataset's folder.
+        dataset: PathBuf,
     },
     /// Show what a dataset holds: counts, ranges, statistics of the labels, sizes.
     #[command(after_help = "Example: flowservo dataset info runs/data/a")]
@@ -118,8 +131,8 @@ pub(crate) enum Dataset {
     /// Draw some rows on a contact sheet: images with their motion, or with their avoidance map.
     #[command(after_help = "Example: flowservo dataset show runs/data/a --rows 0,5,17")]
     Show(Show),
-    /// Compare every file of a dataset with its digest.
-    #[command(after_help = "Example: flowservo dataset verify runs/data/a")]
+    /// Compare every byte of a dataset with what was written, and name all files that differ.
+    #[command(after_help = "Example: flowservo dataset verify runs/data/a --json")]
     Verify {
         /// The dataset's folder.
         dataset: PathBuf,

@@ -1,31 +1,27 @@
 //! `README.md` of a dataset: a card whose front matter makes the folder open in Hugging Face's `datasets`.
 
 use crate::config::Kind;
-use crate::error::Result;
 use crate::features;
 use crate::info::DatasetInfo;
-use crate::publish::{io, publish};
 use crate::schema::{Column, columns};
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::Path;
 
-/// Writes the card into the dataset's folder.
-pub fn write(info: &DatasetInfo, dir: &Path) -> Result<()> {
-    let path = dir.join("README.md");
-    publish(&path, |file| file.write_all(text(info).as_bytes()).map_err(|source| io(&path, source)))
-}
+/// Name of the file.
+pub const FILE_NAME: &str = "README.md";
 
-fn text(info: &DatasetInfo) -> String {
+/// The card's text.
+pub fn text(info: &DatasetInfo) -> String {
     let columns = columns(&info.config);
     format!("{}\n{}\n{}", front_matter(info, &columns), introduction(info), table(&columns))
 }
 
 fn front_matter(info: &DatasetInfo, columns: &[Column]) -> String {
     let DatasetInfo { name, rows, .. } = info;
-    let (size, bytes, features) = (size_category(*rows), info.bytes(), features::yaml(columns));
+    let (license, size) = (&info.config.license, size_category(*rows));
+    let (bytes, features) = (info.bytes(), features::yaml(columns));
     format!(
         "---
+license: {license}
 pretty_name: flowservo {name}
 size_categories:
 - {size}

@@ -13,6 +13,8 @@ use world::WorldConfig;
 pub struct DatasetConfig {
     /// Name: lower case letters, digits, `_` and `-`.
     pub name: String,
+    /// License of the data, as Hugging Face spells it.
+    pub license: String,
     /// What a row is.
     pub kind: Kind,
     /// Seed of all random draws; 0 is a seed like others.
@@ -141,6 +143,12 @@ impl DatasetConfig {
                 .bytes()
                 .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'-');
         require("name", named, &self.name, "lower case letters, digits, _ and -")?;
+        let licensed = !self.license.is_empty()
+            && self
+                .license
+                .bytes()
+                .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'.' || b == b'-');
+        require("license", licensed, &self.license, "lower case letters, digits, . and -, as cc0-1.0")?;
         require("count", (1..=100_000_000).contains(&self.count), self.count, "1 to 100000000 rows")?;
         let fits = self.rows_per_shard > 0 && self.shards() <= 100_000;
         require("rows_per_shard", fits, self.rows_per_shard, "at least 1, and at most 100000 files")?;
@@ -269,7 +277,7 @@ mod tests {
             change(&mut config);
             config.validate().unwrap_err().to_string()
         };
-        let cases: [(Change, &str); 10] = [
+        let cases: [(Change, &str); 11] = [
             (|c| c.name = "../a".to_owned(), "name = ../a"),
             (|c| c.count = 0, "count = 0"),
             (|c| c.rows_per_shard = 0, "rows_per_shard = 0"),
@@ -278,6 +286,7 @@ mod tests {
             (|c| c.obstacles.long_side_mm = [40.0, 50.0], "obstacles.long_side_mm = [40.0, 50.0]"),
             (|c| c.motions[1].share = 0.4, "motions = shares that add up to 0.9"),
             (|c| c.motions[1].goal = None, "motions[1].goal = nothing"),
+            (|c| c.license = "CC0 1.0".to_owned(), "license = CC0 1.0"),
             (|c| c.motions[0].current.theta_deg = 90.0, "motions[0].current.theta_deg = 90"),
             (|c| c.kind = Kind::Avoidance, "motions[0].goal = a range"),
         ];

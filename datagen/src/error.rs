@@ -1,7 +1,9 @@
 //! What can go wrong with a dataset.
 
+use crate::fault::{Fault, lines};
+use crate::part::Part;
 use crate::rejection::Rejections;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// An error of this crate.
 #[derive(Debug, thiserror::Error)]
@@ -62,29 +64,90 @@ pub enum Error {
         found: String,
     },
     /// A folder that holds no complete dataset.
-    #[error(
-        "{} holds no complete dataset: dataset.json, which is written last, is missing; run `dataset generate` with the \
-         same configuration to complete it",
-        dir.display()
-    )]
+    #[error("{}", incomplete(dir, *files))]
     Incomplete {
         /// The folder.
         dir: PathBuf,
+        /// How many files are finished, of how many, if the folder says what it is.
+        files: Option<(u64, u64)>,
     },
-    /// A folder that already holds a dataset of another configuration.
-    #[error(
-        "{} holds a dataset of another configuration (digest {found}, wanted {wanted}); choose another folder, or \
-         remove it",
-        dir.display()
-    )]
-    OtherConfig {
+    /// A folder that lacks files of its dataset.
+    #[error("{}", unfinished(dir, *of, missing))]
+    Unfinished {
         /// The folder.
         dir: PathBuf,
+        /// Files that it should have.
+        of: u64,
+        /// What it lacks, and the part that makes each.
+        missing: Vec<(Part, Fault)>,
+    },
+    /// A complete dataset that is not as it was written.
+    #[error(
+        "{}: not as it was written:{}\nfetch it again, or run `dataset generate` with the same configuration: it makes \
+         again what is damaged, and only that",
+        dir.display(),
+        lines(faults)
+    )]
+    Changed {
+        /// The folder.
+        dir: PathBuf,
+        /// What is wrong.
+        faults: Vec<Fault>,
+    },
+    /// A file that another process is writing.
+    #[error(
+        "{}: another process is writing this file; wait for it, or give each process its own part with --shard I/N",
+        path.display()
+    )]
+    Busy {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A part that there is not.
+    #[error("{text}: expected I/N, part I of N with I from 1 to N, as 2/4")]
+    Part {
+        /// What was given.
+        text: String,
+    },
+    /// A folder that already holds something of a dataset of another configuration.
+    #[error(
+        "{} is of another configuration (digest {found}, wanted {wanted}); choose another folder, or remove this one",
+        path.display()
+    )]
+    OtherConfig {
+        /// What is of another configuration.
+        path: PathBuf,
         /// Digest of the configuration there.
         found: String,
         /// Digest of the configuration asked for.
         wanted: String,
     },
+    /// An incomplete dataset that another version began: rows may differ between versions.
+    #[error(
+        "{} was begun by flowservo {found}, and this is {}; complete it with that version, or choose another folder",
+        dir.display(),
+        env!("CARGO_PKG_VERSION")
+    )]
+    OtherVersion {
+        /// The folder.
+        dir: PathBuf,
+        /// The version that began it.
+        found: String,
+    },
+    /// A `config.toml` that is not of a dataset.
+    #[error(
+        "{} is not that of a dataset: {found}; choose another folder, or remove it",
+        path.display()
+    )]
+    NoRecipe {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        found: String,
+    },
+    /// A configuration that cannot be put into TOML.
+    #[error("cannot encode as TOML: {0}")]
+    Toml(#[from] toml::ser::Error),
     /// A file among the rows that is none of the dataset's, which data tools would read, too.
     #[error("{} does not belong to this dataset; remove it, or choose another folder", path.display())]
     Stray {
@@ -115,14 +178,48 @@ pub enum Error {
     },
     /// The caller asked to stop; what was finished stays.
     #[error(
-        "stopped after {rows_done} of {rows_total} rows; the same command continues after the last finished shard"
+        "stopped after {rows_done} of {rows_total} rows, with {files_done} of {files_total} files finished; the same \
+         command continues after these"
     )]
     Interrupted {
-        /// Rows made so far, those of an unfinished shard included.
+        /// Rows made so far, those of an unfinished file included.
         rows_done: u64,
         /// Rows asked for.
         rows_total: u64,
+        /// Finished files.
+        files_done: u64,
+        /// Files asked for.
+        files_total: u64,
     },
+}
+
+/// Says how to go on with a dataset that is incomplete.
+fn incomplete(dir: &Path, files: Option<(u64, u64)>) -> String {
+    let dir = dir.display();
+    match files {
+        None => format!(
+            "{dir} holds no complete dataset: dataset.json, which is written last, is missing; run `flowservo dataset \
+             generate` with its configuration to make it"
+        ),
+        Some((finished, of)) if finished == of => format!(
+            "{dir} holds no complete dataset yet: its {of} files are there; run `flowservo dataset finish {dir}`"
+        ),
+        Some((finished, of)) => format!(
+            "{dir} holds no complete dataset: {finished} of {of} files are finished; run `flowservo dataset generate \
+             {dir}/config.toml --out {dir}` to go on"
+        ),
+    }
+}
+
+/// Lists what a dataset lacks, and says how to make it.
+fn unfinished(dir: &Path, of: u64, missing: &[(Part, Fault)]) -> String {
+    let dir = dir.display();
+    let lines: String = missing.iter().map(|(part, fault)| format!("\n  {fault} (--shard {part})")).collect();
+    format!(
+        "{dir}: {} of {of} files are there; these are not:{lines}\n`flowservo dataset generate {dir}/config.toml --out \
+         {dir}` makes them and finishes the dataset; with a --shard it makes this file alone, on any machine",
+        of - missing.len() as u64
+    )
 }
 
 /// Result of this crate.

@@ -1,13 +1,18 @@
 //! Makes a dataset, or what is missing of it.
 
-use crate::card;
 use crate::config::DatasetConfig;
-use crate::error::{Error, Result};
+use crate::earlier::Earlier;
+use crate::error::Result;
 use crate::example::Collector;
-use crate::info::{DatasetInfo, FileRecord, config_digest};
+use crate::finish::complete;
+use crate::info::FileRecord;
+use crate::part::Part;
 use crate::progress::{Options, Progress, Run};
 use crate::publish::io;
-use crate::shard::{RECORDS, Shard, ShardRecord};
+use crate::queue::in_order;
+use crate::recipe;
+use crate::shard::Shard;
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use std::path::Path;
 
 /// What was made.
@@ -23,10 +28,21 @@ pub struct Summary {
     pub digest: String,
 }
 
-/// Makes the dataset of a configuration in a folder, with the threads of the current rayon pool.
+/// What was made of a part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PartSummary {
+    /// Files of the part.
+    pub files: u64,
+    /// Rows of the part.
+    pub rows: u64,
+    /// Rows made by this run.
+    pub rows_made: u64,
+}
+
+/// Makes the dataset of a configuration in a folder, with as many threads as the current rayon pool has.
 ///
-/// Files that an earlier run finished stay; a complete dataset stays as it is. A folder with a dataset of another
-/// configuration is refused.
+/// Files that an earlier run finished stay, if they are as it left them; a complete dataset stays as it is. A folder with a
+/// dataset of another configuration is refused.
 pub fn generate(
     config: &DatasetConfig,
     out: &Path,
@@ -34,99 +50,67 @@ pub fn generate(
     progress: &dyn Fn(Progress),
 ) -> Result<Summary> {
     let collector = Collector::new(config)?;
+    let shards = Shard::all(config);
+    let mut run = Run::new(&shards, options, progress);
+    let (earlier, files) = make(&collector, &shards, out, &mut run)?;
+    let info = complete(config, out, files, &earlier)?.info;
+    let (rows, images, rows_made) = (info.rows, info.images, run.progress.rows_made);
+    Ok(Summary { rows, images, rows_made, digest: info.digest })
+}
+
+/// Makes a part of a dataset. [`crate::finish()`], or [`generate`], completes it when all parts are there: made in one folder,
+/// also at the same time, or in several that are copied together.
+pub fn generate_part(
+    config: &DatasetConfig,
+    part: Part,
+    out: &Path,
+    options: &Options<'_>,
+    progress: &dyn Fn(Progress),
+) -> Result<PartSummary> {
+    let collector = Collector::new(config)?;
+    let shards = Shard::of_part(config, part);
+    let mut run = Run::new(&shards, options, progress);
+    let (_, files) = make(&collector, &shards, out, &mut run)?;
+    let Progress { rows_made, rows_total: rows, .. } = run.progress;
+    Ok(PartSummary { files: files.len() as u64, rows, rows_made })
+}
+
+/// Makes those of the files that are not there.
+fn make(
+    collector: &Collector<'_>,
+    shards: &[Shard],
+    out: &Path,
+    run: &mut Run<'_>,
+) -> Result<(Earlier, Vec<FileRecord>)> {
+    let config = collector.config();
     let earlier = Earlier::find(config, out)?;
-    if let Some(info) = earlier.info.as_ref().filter(|info| info.check_sizes(out).is_ok()) {
-        return Ok(summary(info, 0));
-    }
-    for folder in ["data", RECORDS] {
-        let folder = out.join(folder);
-        std::fs::create_dir_all(&folder).map_err(|source| io(&folder, source))?;
-    }
-    let mut run = Run::new(config.count, options, progress);
-    let mut files = Vec::new();
-    for shard in Shard::all(config) {
-        let file = match earlier.file(&shard, out) {
-            Some(file) => {
-                run.found(file.rows);
-                file
-            }
-            None => shard.write(&collector, out, &earlier.config_digest, &mut run)?,
-        };
-        files.push(file);
-    }
-    let info = finish(config, out, files)?;
-    Ok(summary(&info, run.progress.rows_made))
-}
-
-/// Publishes the card and `dataset.json`.
-fn finish(config: &DatasetConfig, out: &Path, files: Vec<FileRecord>) -> Result<DatasetInfo> {
-    let info = DatasetInfo::new(config, files)?;
-    card::write(&info, out)?;
-    info.write(out)?;
-    let records = out.join(RECORDS);
-    std::fs::remove_dir_all(&records).map_err(|source| io(&records, source))?;
-    Ok(info)
-}
-
-/// What earlier runs of the same configuration left.
-struct Earlier {
-    config_digest: String,
-    info: Option<DatasetInfo>,
-    records: Vec<ShardRecord>,
-}
-
-impl Earlier {
-    /// Refuses what runs of another configuration left.
-    fn find(config: &DatasetConfig, out: &Path) -> Result<Self> {
-        let info = match DatasetInfo::read(out) {
-            Ok(info) => Some(info),
-            Err(Error::Incomplete { .. }) => None,
-            Err(error) => return Err(error),
-        };
-        let earlier = Self { config_digest: config_digest(config)?, info, records: ShardRecord::all(out)? };
-        let digests = earlier.records.iter().map(|record| &record.config_digest);
-        for found in digests.chain(earlier.info.iter().map(|info| &info.config_digest)) {
-            if *found != earlier.config_digest {
-                let (found, wanted) = (found.clone(), earlier.config_digest);
-                return Err(Error::OtherConfig { dir: out.to_owned(), found, wanted });
-            }
-        }
-        refuse_strays(config, out)?;
-        Ok(earlier)
-    }
-
-    /// The file of a shard, if it is there as recorded.
-    fn file(&self, shard: &Shard, out: &Path) -> Option<FileRecord> {
-        let recorded = self.records.iter().map(|record| &record.file);
-        let mut recorded = recorded.chain(self.info.iter().flat_map(|info| &info.files));
-        recorded.find(|file| file.path == shard.path() && file.verify(out).is_ok()).cloned()
-    }
-}
-
-/// Refuses Parquet files that the dataset would not overwrite.
-fn refuse_strays(config: &DatasetConfig, out: &Path) -> Result<()> {
+    earlier.refuse_others(config, out)?;
+    recipe::claim(config, out)?;
     let data = out.join("data");
-    if !data.exists() {
-        return Ok(());
-    }
-    let shards: Vec<_> = Shard::all(config).iter().map(|shard| out.join(shard.path())).collect();
-    for entry in std::fs::read_dir(&data).map_err(|source| io(&data, source))? {
-        let path = entry.map_err(|source| io(&data, source))?.path();
-        let is_parquet = path.extension().is_some_and(|extension| extension == "parquet");
-        if is_parquet && !shards.contains(&path) {
-            return Err(Error::Stray { path });
-        }
-    }
-    Ok(())
-}
-
-fn summary(info: &DatasetInfo, rows_made: u64) -> Summary {
-    Summary { rows: info.rows, images: info.images, rows_made, digest: info.digest.clone() }
+    std::fs::create_dir_all(&data).map_err(|source| io(&data, source))?;
+    let found: Vec<_> = shards.par_iter().map(|shard| earlier.file(shard, out).ok()).collect();
+    found.iter().flatten().for_each(|file| run.found(file));
+    let missing = shards.iter().zip(&found).filter(|(_, file)| file.is_none()).map(|(shard, _)| shard);
+    let rows = missing.clone().flat_map(|shard| shard.rows.clone());
+    // Rows are made across the ends of files, while this thread writes.
+    let made: Vec<_> = in_order(
+        rows,
+        |row| collector.example(row),
+        |examples| {
+            missing.clone().map(|shard| shard.write(collector, out, examples, run)).collect::<Result<_>>()
+        },
+    )?;
+    let mut made = made.into_iter();
+    let files = found.into_iter().filter_map(|file| file.or_else(|| made.next()));
+    Ok((earlier, files.collect()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Error;
+    use crate::finish::finish;
+    use crate::info::config_digest;
     use crate::reader::DatasetReader;
     use crate::row::{ImagesRow, Row, SceneRow};
     use crate::tiny::{config, make};
@@ -168,7 +152,7 @@ mod tests {
                 pool.install(|| make(&config(name, 7), dir.path())).unwrap();
                 files(dir.path())
             });
-            assert_eq!(made[0].len(), 5, "three shards, card and dataset.json");
+            assert_eq!(made[0].len(), 6, "three shards, card, config.toml and dataset.json");
             assert!(made[0] == made[1], "{name}");
         }
     }
@@ -213,9 +197,86 @@ mod tests {
     fn rows_of_another_dataset_are_not_mixed_in() {
         let dir = tempfile::tempdir().unwrap();
         make(&config("a", 1), dir.path()).unwrap();
-        fs::remove_file(dir.path().join("dataset.json")).unwrap();
+        for name in ["dataset.json", "config.toml"] {
+            fs::remove_file(dir.path().join(name)).unwrap();
+        }
         let error = make(&config("a", 4), dir.path()).unwrap_err().to_string();
         assert!(error.contains("train-00000-of-00001.parquet does not belong to this dataset"), "{error}");
+    }
+
+    /// Generates a part without being watched.
+    fn make_part(part: &str, dir: &Path) -> PartSummary {
+        let options = Options { stop: &AtomicBool::new(false) };
+        generate_part(&config("a", 19), part.parse().unwrap(), dir, &options, &|_| {}).unwrap()
+    }
+
+    #[test]
+    fn parts_in_any_mix_give_what_one_machine_gives() {
+        let [whole, parts, other] = [0, 1, 2].map(|_| tempfile::tempdir().unwrap());
+        make(&config("a", 19), whole.path()).unwrap();
+        assert_eq!(make_part("2/4", parts.path()), PartSummary { files: 2, rows: 6, rows_made: 6 });
+        let missing = finish(parts.path()).unwrap_err().to_string();
+        assert!(missing.contains("2 of 7 files are there"), "{missing}");
+        for (i, part) in [(0, "1/7"), (2, "3/7"), (3, "4/7"), (4, "5/7"), (6, "7/7")] {
+            let line = format!("data/train-{i:05}-of-00007.parquet: missing (--shard {part})");
+            assert!(missing.contains(&line), "{line} in {missing}");
+        }
+        // Another machine, whose folder is copied over.
+        make_part("1/2", other.path());
+        for (path, bytes) in files(other.path()) {
+            fs::write(parts.path().join(path), bytes).unwrap();
+        }
+        assert_eq!(make_part("4/4", parts.path()).rows_made, 3);
+        assert_eq!(make_part("2/2", parts.path()), PartSummary { files: 3, rows: 9, rows_made: 0 });
+        let finished = finish(parts.path()).unwrap();
+        assert!(!finished.before && finished.info.rows == 19);
+        assert!(files(parts.path()) == files(whole.path()));
+        assert!(finish(parts.path()).unwrap().before);
+        assert!(files(parts.path()) == files(whole.path()));
+    }
+
+    #[test]
+    fn what_is_missing_damaged_or_of_another_configuration_is_named() {
+        let [dir, other] = [0, 1].map(|_| tempfile::tempdir().unwrap());
+        make_part("1/1", dir.path());
+        let path = |i: usize| format!("data/train-{i:05}-of-00007.parquet");
+        let record = |i: usize| format!("shards/train-{i:05}-of-00007.json");
+        fs::remove_file(dir.path().join(path(0))).unwrap();
+        let mut bytes = fs::read(dir.path().join(path(1))).unwrap();
+        bytes[100] ^= 1;
+        fs::write(dir.path().join(path(1)), bytes).unwrap();
+        fs::write(dir.path().join(record(2)), "{\"config_digest\": \"0123").unwrap();
+        let options = Options { stop: &AtomicBool::new(false) };
+        let seeded = DatasetConfig { seed: 9, ..config("a", 19) };
+        generate_part(&seeded, Part::WHOLE, other.path(), &options, &|_| {}).unwrap();
+        for name in [path(3), record(3)] {
+            fs::copy(other.path().join(&name), dir.path().join(&name)).unwrap();
+        }
+        let error = finish(dir.path()).unwrap_err().to_string();
+        for line in [
+            format!("{}: missing (--shard 1/7)", path(0)),
+            format!("{}: expected SHA-256", path(1)),
+            format!("{}: there without its record", path(2)),
+            format!("{}: of another configuration (digest {}", path(3), config_digest(&seeded).unwrap()),
+        ] {
+            assert!(error.contains(&line), "{line} in {error}");
+        }
+        let refused = make(&config("a", 19), dir.path()).unwrap_err();
+        assert!(matches!(&refused, Error::OtherConfig { path: other, .. } if other.ends_with(path(3))));
+        fs::remove_file(dir.path().join(record(3))).unwrap();
+        assert_eq!(make(&config("a", 19), dir.path()).unwrap().rows_made, 12);
+    }
+
+    #[test]
+    fn an_incomplete_folder_says_how_far_it_is_and_how_to_go_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = || DatasetReader::open(dir.path()).unwrap_err().to_string();
+        assert!(error().contains("holds no complete dataset"), "{}", error());
+        make_part("1/2", dir.path());
+        let again = format!("dataset generate {0}/config.toml --out {0}", dir.path().display());
+        assert!(error().contains("4 of 7 files are finished") && error().contains(&again), "{}", error());
+        make_part("2/2", dir.path());
+        assert!(error().contains("dataset finish"), "{}", error());
     }
 
     #[test]
@@ -228,7 +289,13 @@ mod tests {
             stop.store(progress.rows_done == 6, Ordering::Relaxed);
         };
         let error = generate(&config, stopped.path(), &Options { stop: &stop }, &listen).unwrap_err();
-        assert!(matches!(error, Error::Interrupted { rows_done: 6, rows_total: 7 }), "{error}");
+        assert!(
+            matches!(
+                error,
+                Error::Interrupted { rows_done: 6, rows_total: 7, files_done: 2, files_total: 3 }
+            ),
+            "{error}"
+        );
         assert!(matches!(DatasetReader::open(stopped.path()), Err(Error::Incomplete { .. })));
         assert!(!files(stopped.path()).keys().any(|path| path.contains("partial")));
         assert_eq!(make(&config, stopped.path()).unwrap().rows_made, 1);

@@ -2,9 +2,12 @@
 
 use crate::config::DatasetConfig;
 use crate::error::{Error, Result};
-use crate::publish::{digest, digest_of_file, io, publish};
+use crate::fault::{self, Fault, Problem};
+use crate::publish::{digest, io, publish};
+use crate::{card, recipe, record, verify};
 use serde::{Deserialize, Serialize};
-use std::io::Write as _;
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 /// Name of the file.
@@ -28,8 +31,12 @@ pub struct DatasetInfo {
     pub version: String,
     /// The files with the rows, in their order.
     pub files: Vec<FileRecord>,
+    /// SHA-256 of `README.md` and `config.toml`.
+    pub documents: BTreeMap<String, String>,
     /// The configuration that made it, complete.
     pub config: DatasetConfig,
+    /// SHA-256 of this description with an empty seal: no byte of it changes unnoticed.
+    pub seal: String,
 }
 
 /// A finished file.
@@ -52,7 +59,7 @@ impl DatasetInfo {
         let images_per_row = config.motions[0].ranges().count() as u64;
         let lines: Vec<String> =
             files.iter().map(|file| format!("{}  {}\n", file.sha256, file.path)).collect();
-        Ok(Self {
+        let mut info = Self {
             name: config.name.clone(),
             rows: config.count,
             images: config.count * images_per_row,
@@ -60,22 +67,48 @@ impl DatasetInfo {
             config_digest: config_digest(config)?,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             files,
+            documents: BTreeMap::new(),
             config: config.clone(),
-        })
+            seal: String::new(),
+        };
+        let documents = info.texts()?.map(|(path, text)| (path.to_owned(), digest(text.as_bytes())));
+        info.documents = documents.into();
+        info.seal = info.sealed()?;
+        Ok(info)
     }
 
-    /// Reads `dataset.json` in a folder.
+    /// Reads `dataset.json` in a folder; refuses one that is not byte for byte as it was written.
     pub fn read(dir: &Path) -> Result<Self> {
         let path = dir.join(FILE_NAME);
-        if !path.exists() {
-            return Err(Error::Incomplete { dir: dir.to_owned() });
+        let bytes = match std::fs::read(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Err(incomplete(dir)),
+            found => found.map_err(|source| io(&path, source))?,
+        };
+        let info: Self = parse_json(&path, &bytes)?;
+        if info.sealed()? == info.seal && json(&info)? == bytes {
+            return Ok(info);
         }
-        read_json(&path)
+        let [expected, found] = ["a description as flowservo wrote it", "one that was changed afterwards"];
+        Err(Error::Damaged { path, expected: expected.to_owned(), found: found.to_owned() })
     }
 
-    /// Writes `dataset.json` into a folder.
-    pub fn write(&self, dir: &Path) -> Result<()> {
+    /// Publishes card and configuration, and then `dataset.json`.
+    pub(crate) fn publish(&self, dir: &Path) -> Result<()> {
+        for (name, text) in self.texts()? {
+            let path = dir.join(name);
+            publish(&path, |file| file.write_all(text.as_bytes()).map_err(|source| io(&path, source)))?;
+        }
         write_json(&dir.join(FILE_NAME), self)
+    }
+
+    /// Names and contents of the files that are for people.
+    fn texts(&self) -> Result<[(&'static str, String); 2]> {
+        Ok([(card::FILE_NAME, card::text(self)), (recipe::FILE_NAME, recipe::text(&self.config)?)])
+    }
+
+    /// The seal that belongs to the rest.
+    fn sealed(&self) -> Result<String> {
+        Ok(digest(&json(&Self { seal: String::new(), ..self.clone() })?))
     }
 
     /// Size of all files with rows.
@@ -96,41 +129,29 @@ impl DatasetInfo {
         Ok(())
     }
 
-    /// Compares the digest of every file with its record, and all records with the dataset's digest.
+    /// Compares every file of the dataset with its digest; an error names all that differ.
     pub fn verify(&self, dir: &Path) -> Result<()> {
-        let recorded = Self::new(&self.config, self.files.clone())?;
-        let path = dir.join(FILE_NAME);
-        if recorded.digest != self.digest {
-            return Err(Error::Damaged { path, expected: recorded.digest, found: self.digest.clone() });
-        }
-        if recorded.config_digest != self.config_digest {
-            return Err(Error::Damaged {
-                path,
-                expected: recorded.config_digest,
-                found: self.config_digest.clone(),
-            });
-        }
-        self.files.iter().try_for_each(|file| file.verify(dir))
+        fault::none(dir, verify::faults(self, dir)?)
+    }
+
+    /// What is wrong with card and configuration.
+    pub(crate) fn document_faults(&self, dir: &Path) -> Vec<Fault> {
+        let fault = |(path, digest): (&String, &String)| {
+            let problem = Problem::of_digest(&dir.join(path), digest)?;
+            Some(Fault { path: path.clone(), problem })
+        };
+        self.documents.iter().filter_map(fault).collect()
     }
 }
 
-impl FileRecord {
-    /// Of a file that is there.
-    pub fn of(dir: &Path, path: String, rows: u64) -> Result<Self> {
-        let file = dir.join(&path);
-        let bytes = std::fs::metadata(&file).map_err(|source| io(&file, source))?.len();
-        Ok(Self { path, sha256: digest_of_file(&file)?, rows, bytes })
-    }
-
-    /// Compares the digest of the file with the record.
-    pub fn verify(&self, dir: &Path) -> Result<()> {
-        let path = dir.join(&self.path);
-        let found = digest_of_file(&path)?;
-        if found == self.sha256 {
-            return Ok(());
-        }
-        Err(Error::Damaged { path, expected: format!("SHA-256 {}", self.sha256), found })
-    }
+/// The error for a folder without `dataset.json`, which says how far it is if it says what it is.
+fn incomplete(dir: &Path) -> Error {
+    let files = || {
+        let config = recipe::read(dir).ok()??;
+        config.validate().ok()?;
+        Some((record::finished(&config, dir).ok()?, config.shards()))
+    };
+    Error::Incomplete { dir: dir.to_owned(), files: files() }
 }
 
 /// SHA-256 of a configuration: of its JSON form, so comments and the order of keys in a file do not matter.
@@ -139,8 +160,11 @@ pub fn config_digest(config: &DatasetConfig) -> Result<String> {
 }
 
 pub(crate) fn read_json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T> {
-    let text = std::fs::read(path).map_err(|source| io(path, source))?;
-    serde_json::from_slice(&text).map_err(|error| Error::Damaged {
+    parse_json(path, &std::fs::read(path).map_err(|source| io(path, source))?)
+}
+
+fn parse_json<T: for<'a> Deserialize<'a>>(path: &Path, bytes: &[u8]) -> Result<T> {
+    serde_json::from_slice(bytes).map_err(|error| Error::Damaged {
         path: path.to_owned(),
         expected: "a description as flowservo writes it".to_owned(),
         found: error.to_string(),
@@ -148,7 +172,12 @@ pub(crate) fn read_json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T> {
 }
 
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let text = json(value)?;
+    publish(path, |file| file.write_all(&text).map_err(|source| io(path, source)))
+}
+
+fn json(value: &impl Serialize) -> Result<Vec<u8>> {
     let mut text = serde_json::to_vec_pretty(value)?;
     text.push(b'\n');
-    publish(path, |file| file.write_all(&text).map_err(|source| io(path, source)))
+    Ok(text)
 }

@@ -201,6 +201,7 @@ mod tests {
     use crate::config::DatasetConfig;
     use crate::error::Error;
     use crate::info::{DatasetInfo, FileRecord};
+    use crate::publish::digest;
     use crate::shard::Shard;
     use crate::tiny::{config, make};
     use parquet::arrow::ArrowWriter;
@@ -227,8 +228,10 @@ mod tests {
         let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
         writer.write(batch).unwrap();
         writer.close().unwrap();
-        let files = vec![FileRecord::of(dir, path, config.count).unwrap()];
-        DatasetInfo::new(config, files).unwrap().write(dir).unwrap();
+        let bytes = fs::read(dir.join(&path)).unwrap();
+        let (sha256, length) = (digest(&bytes), bytes.len() as u64);
+        let files = vec![FileRecord { path, sha256, rows: config.count, bytes: length }];
+        DatasetInfo::new(config, files).unwrap().publish(dir).unwrap();
         DatasetReader::open(dir).unwrap()
     }
 

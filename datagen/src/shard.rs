@@ -1,12 +1,14 @@
-//! One file of a dataset: its rows in groups, made in parallel, written in order, published by rename.
+//! One file of a dataset: its rows in groups, written in order, published by rename.
 
 use crate::config::DatasetConfig;
 use crate::error::{Error, Result};
 use crate::example::{Collector, Example};
 use crate::features;
-use crate::info::{FileRecord, read_json, write_json};
+use crate::info::{FileRecord, config_digest};
+use crate::part::Part;
 use crate::progress::Run;
-use crate::publish::{io, publish};
+use crate::publish::{Hashed, io, publish_alone};
+use crate::record::ShardRecord;
 use crate::schema::{self, Content};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, Encoding};
@@ -14,8 +16,6 @@ use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -26,9 +26,6 @@ pub const ROWS_PER_GROUP: u64 = 128;
 /// Bytes of images in a page, unless one has more: what a reader has to fetch for one image.
 const IMAGE_PAGE: usize = 1 << 16;
 
-/// Folder of the records, while the dataset is incomplete.
-pub const RECORDS: &str = "shards";
-
 /// One file of a dataset.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shard {
@@ -36,16 +33,6 @@ pub struct Shard {
     name: String,
     /// Its rows.
     pub rows: Range<u64>,
-}
-
-/// What is known of a finished shard while the dataset is incomplete.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ShardRecord {
-    /// Digest of the configuration that it belongs to.
-    pub config_digest: String,
-    /// The file.
-    pub file: FileRecord,
 }
 
 impl Shard {
@@ -61,68 +48,56 @@ impl Shard {
             .collect()
     }
 
+    /// The shards of a part of a dataset.
+    pub fn of_part(config: &DatasetConfig, part: Part) -> Vec<Self> {
+        (0..).zip(Self::all(config)).filter(|&(i, _)| part.has(i)).map(|(_, shard)| shard).collect()
+    }
+
+    /// Name without folder and ending.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// Path of the file below the dataset's folder.
     pub fn path(&self) -> String {
         format!("data/{}.parquet", self.name)
     }
 
-    /// Makes the rows, a group at a time, and publishes the file, then its record.
+    /// Writes the examples, a group at a time, and publishes the file, then its record.
     pub(crate) fn write(
         &self,
         collector: &Collector<'_>,
         dir: &Path,
-        config_digest: &str,
+        examples: &mut dyn Iterator<Item = Result<Example>>,
         run: &mut Run<'_>,
     ) -> Result<FileRecord> {
         let path = dir.join(self.path());
-        publish(&path, |file| {
+        let (sha256, bytes) = publish_alone(&path, |file| {
             let failed = |error| write_failed(&path, error);
+            let mut hashed = Hashed::new(file);
             let schema = Arc::new(schema::schema(collector.config()));
             let properties = properties(collector.config());
-            let mut writer = ArrowWriter::try_new(file, schema, Some(properties)).map_err(failed)?;
+            let mut writer = ArrowWriter::try_new(&mut hashed, schema, Some(properties)).map_err(failed)?;
             let mut start = self.rows.start;
             while start < self.rows.end {
-                run.check()?;
                 let end = (start + ROWS_PER_GROUP).min(self.rows.end);
-                let examples = examples(collector, start..end)?;
-                writer.write(&schema::encode(collector, &examples)?).map_err(failed)?;
+                let group = (start..end).map(|_| run.take(examples)).collect::<Result<Vec<_>>>()?;
+                writer.write(&schema::encode(collector, &group)?).map_err(failed)?;
                 writer.flush().map_err(failed)?;
                 run.made(end - start);
                 start = end;
             }
             writer.close().map_err(failed)?;
-            Ok::<_, Error>(())
+            Ok::<_, Error>(hashed.finish())
         })?;
-        let file = FileRecord::of(dir, self.path(), self.rows.end - self.rows.start)?;
-        let record = ShardRecord { config_digest: config_digest.to_owned(), file };
-        write_json(&dir.join(RECORDS).join(format!("{}.json", self.name)), &record)?;
+        let file = FileRecord { path: self.path(), sha256, rows: self.rows.end - self.rows.start, bytes };
+        let (config_digest, version) =
+            (config_digest(collector.config())?, env!("CARGO_PKG_VERSION").to_owned());
+        let record = ShardRecord { config_digest, version, file };
+        record.publish(self, dir)?;
+        run.finished();
         Ok(record.file)
     }
-}
-
-impl ShardRecord {
-    /// The records that earlier runs left in a dataset's folder.
-    pub fn all(dir: &Path) -> Result<Vec<Self>> {
-        let records = dir.join(RECORDS);
-        if !records.exists() {
-            return Ok(Vec::new());
-        }
-        let mut paths = Vec::new();
-        for entry in std::fs::read_dir(&records).map_err(|source| io(&records, source))? {
-            let path = entry.map_err(|source| io(&records, source))?.path();
-            if path.extension().is_some_and(|extension| extension == "json") {
-                paths.push(path);
-            }
-        }
-        paths.sort();
-        paths.iter().map(|path| read_json(path)).collect()
-    }
-}
-
-/// In parallel, in order; of several errors the first row's, at any number of threads.
-fn examples(collector: &Collector<'_>, rows: Range<u64>) -> Result<Vec<Example>> {
-    let results: Vec<Result<Example>> = rows.into_par_iter().map(|index| collector.example(index)).collect();
-    results.into_iter().collect()
 }
 
 fn properties(config: &DatasetConfig) -> WriterProperties {
@@ -148,5 +123,9 @@ fn properties(config: &DatasetConfig) -> WriterProperties {
 }
 
 fn write_failed(path: &Path, error: ParquetError) -> Error {
-    io(path, std::io::Error::other(error))
+    let source = match error {
+        ParquetError::External(error) => error.downcast().map_or_else(std::io::Error::other, |error| *error),
+        error => std::io::Error::other(error),
+    };
+    io(path, source)
 }

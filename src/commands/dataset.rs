@@ -1,14 +1,16 @@
 //! `flowservo dataset`: make datasets and look into them.
 
-use super::{inspect, print_json, replay, write_file};
+use super::{inspect, print_json, replay};
 use crate::cli;
 use crate::config::Config;
 use crate::output::out;
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
 use anyhow::Result;
-use datagen::{DatasetConfig, DatasetInfo, Options};
+use datagen::finish::Finished;
+use datagen::{DatasetConfig, DatasetInfo, Options, Part};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 use std::path::Path;
 
 /// What `dataset generate` made, and how fast.
@@ -35,10 +37,14 @@ pub(crate) struct Generated {
 /// Runs one of the commands.
 pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()> {
     match command {
-        cli::Dataset::Generate { config, out } => {
+        cli::Dataset::Generate { config, out, shard } => {
             let file = Config::load(&config.config, &config.overrides)?;
             let config: DatasetConfig = file.parse()?;
             file.check(config.validate())?;
+            if let Some(part) = shard {
+                let generated = generate_part(&config, *part, out, stop)?;
+                return print_json(json, &generated);
+            }
             let generated = generate(&config, out, stop)?;
             out!(
                 "{}: {} rows, {} images, digest {}",
@@ -49,14 +55,10 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
             );
             print_json(json, &generated)
         }
+        cli::Dataset::Finish { dataset } => finish(dataset, json),
         cli::Dataset::Info { dataset } => inspect::info(dataset, json),
         cli::Dataset::Show(arguments) => inspect::show(arguments, json),
-        cli::Dataset::Verify { dataset } => {
-            let info = DatasetInfo::read(dataset)?;
-            info.verify(dataset)?;
-            out!("{}: {} files are as they were written", dataset.display(), info.files.len());
-            print_json(json, &serde_json::json!({ "files": info.files.len(), "digest": info.digest }))
-        }
+        cli::Dataset::Verify { dataset } => verify(dataset, json),
         cli::Dataset::Replay { dataset, row, out } => replay::run(dataset, *row, out.as_deref(), json),
     }
 }
@@ -64,19 +66,10 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
 /// Makes a dataset in a folder and shows how it goes.
 pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Result<Generated> {
     let progress = Progress::start(&format!("dataset {}", config.name), "rows", config.count);
-    let summary =
-        datagen::generate(config, out, &Options { stop: stop.flag() }, &|state: datagen::Progress| {
-            progress.update_from(state.rows_done - state.rows_made, state.rows_done);
-        })?;
-    if (1..summary.rows).contains(&summary.rows_made) {
-        progress.say(&format!(
-            "{}: {} rows were there already",
-            out.display(),
-            summary.rows - summary.rows_made
-        ));
-    }
+    let options = Options { stop: stop.flag() };
+    let summary = datagen::generate(config, out, &options, &|state| progress.follow(state))?;
+    progress.say_found(out, summary.rows - summary.rows_made, summary.rows);
     let seconds = progress.finish();
-    write_file(&out.join("config.toml"), toml::to_string(config)?)?;
     let images_made = summary.images as f64 / summary.rows as f64 * summary.rows_made as f64;
     Ok(Generated {
         name: config.name.clone(),
@@ -88,4 +81,82 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
         peak_rss_mb: peak_rss_mb(),
         digest: summary.digest,
     })
+}
+
+/// What `dataset generate --shard` made.
+#[derive(Debug, Serialize)]
+struct GeneratedPart {
+    name: String,
+    shard: String,
+    /// Files of the part, and their rows.
+    files: u64,
+    rows: u64,
+    rows_made: u64,
+    /// Files of the whole dataset, and how many of them are there now.
+    files_of_dataset: u64,
+    files_finished: u64,
+    seconds: f64,
+}
+
+/// Makes a part of a dataset and says how to go on.
+fn generate_part(config: &DatasetConfig, part: Part, out: &Path, stop: &Stop) -> Result<GeneratedPart> {
+    let progress = Progress::start(&format!("dataset {}, part {part}", config.name), "rows", 0);
+    let options = Options { stop: stop.flag() };
+    let summary = datagen::generate_part(config, part, out, &options, &|state| progress.follow(state))?;
+    progress.say_found(out, summary.rows - summary.rows_made, summary.rows);
+    let generated = GeneratedPart {
+        name: config.name.clone(),
+        shard: part.to_string(),
+        files: summary.files,
+        rows: summary.rows,
+        rows_made: summary.rows_made,
+        files_of_dataset: config.shards(),
+        files_finished: datagen::record::finished(config, out)?,
+        seconds: progress.finish(),
+    };
+    let GeneratedPart { files, rows, files_of_dataset, files_finished, .. } = &generated;
+    let out = out.display();
+    out!("{out}: part {part} is there: {files} files, {rows} rows");
+    out!(
+        "{files_finished} of {files_of_dataset} files are there; once all are, run: flowservo dataset finish {out}"
+    );
+    Ok(generated)
+}
+
+/// Completes a dataset that was made in parts.
+fn finish(dataset: &Path, json: bool) -> Result<()> {
+    let Finished { info, before } = datagen::finish(dataset)?;
+    let (folder, done) = (dataset.display(), if before { "was finished before" } else { "finished" });
+    out!(
+        "{folder}: {done}: {} rows in {} files, {} images, digest {}",
+        info.rows,
+        info.files.len(),
+        info.images,
+        info.digest
+    );
+    let result = json!({
+        "name": info.name, "rows": info.rows, "images": info.images, "files": info.files.len(), "digest": info.digest,
+        "finished_before": before,
+    });
+    print_json(json, &result)
+}
+
+/// Compares a dataset with what was written.
+fn verify(dataset: &Path, json: bool) -> Result<()> {
+    let faults = datagen::verify(dataset)?;
+    let listed: Vec<_> = faults
+        .iter()
+        .map(|fault| json!({ "path": fault.path, "problem": fault.problem.to_string() }))
+        .collect();
+    let info = DatasetInfo::read(dataset).ok();
+    let files = info.as_ref().map(|info| info.files.len());
+    let digest = info.as_ref().map(|info| &info.digest);
+    if let (true, Some(files)) = (faults.is_empty(), files) {
+        out!(
+            "{}: {files} files with rows, card and configuration are as they were written",
+            dataset.display()
+        );
+    }
+    print_json(json, &json!({ "files": files, "digest": digest, "faults": listed }))?;
+    Ok(datagen::fault::none(dataset, faults)?)
 }
