@@ -17,34 +17,15 @@ fn generate(config: &str, count: usize, out: &str) -> String {
     )
 }
 
-/// All files below a folder with their content.
-fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            found.extend(files(&path));
-        } else {
-            found.push((path.display().to_string(), std::fs::read(&path).unwrap()));
-        }
-    }
-    found.sort();
-    found
-}
-
 #[test]
 fn one_and_two_threads_write_the_same_bytes() {
     for config in ["c.toml", "avoid.toml"] {
         let [one, two] = [1, 2].map(|threads| {
             let folder = Folder::new();
             folder.run(&format!("{} --threads {threads}", generate(config, 14, "data"))).ok();
-            let root = folder.path("data");
-            let relative = |(path, bytes): (String, Vec<u8>)| {
-                (path.strip_prefix(&root.display().to_string()).unwrap().to_owned(), bytes)
-            };
-            files(&root).into_iter().map(relative).collect::<Vec<_>>()
+            folder.files("data")
         });
-        assert!(one.iter().any(|(path, _)| path.ends_with("data/train-00002-of-00003.parquet")));
+        assert!(one.contains_key("data/train-00002-of-00003.parquet"));
         assert!(one == two, "{config}");
     }
 }
@@ -84,6 +65,16 @@ fn info_tells_and_verify_finds_a_flipped_byte() {
     folder.run("dataset verify data").fails(1, &["train-00001-of-00002.parquet", "SHA-256"]);
 }
 
+/// A description with a part replaced, and the seal that it then has.
+fn resealed(description: &Path, [found, replaced]: [&str; 2]) -> String {
+    let told = std::fs::read_to_string(description).unwrap();
+    assert!(told.contains(found), "{found} in\n{told}");
+    let seal: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let unsealed = told.replace(found, replaced).replace(seal["seal"].as_str().unwrap(), "");
+    let seal = datagen::publish::digest(unsealed.as_bytes());
+    unsealed.replace("\"seal\": \"\"", &format!("\"seal\": \"{seal}\""))
+}
+
 #[test]
 fn a_row_is_made_again_and_compared() {
     let folder = Folder::new();
@@ -102,9 +93,7 @@ fn a_row_is_made_again_and_compared() {
 
     // What another light would have made, said to be of another version.
     let description = folder.path("data/dataset.json");
-    let told = std::fs::read_to_string(&description).unwrap();
-    let brighter = told.replace("\"ambient\": 0.5", "\"ambient\": 0.75");
-    assert_ne!(brighter, told);
+    let brighter = resealed(&description, ["\"ambient\": 0.5", "\"ambient\": 0.75"]);
     std::fs::write(&description, &brighter).unwrap();
     let other = folder.run("dataset replay data 6 --out again --json");
     let told = other.json();
@@ -115,7 +104,8 @@ fn a_row_is_made_again_and_compared() {
     assert!(image("made") != image("stored"));
     other.fails(1, &["row 6 of data", "image_current, image_goal,", "dataset verify data"]);
     let version = format!("\"version\": \"{}\"", env!("CARGO_PKG_VERSION"));
-    std::fs::write(&description, brighter.replace(&version, "\"version\": \"0.0.1\"")).unwrap();
+    let older = resealed(&description, [&version, "\"version\": \"0.0.1\""]);
+    std::fs::write(&description, older).unwrap();
     folder.run("dataset replay data 6").fails(1, &["written by flowservo 0.0.1"]);
 
     folder.run("dataset replay data 7").fails(1, &["rows 7 to 8 asked for, but the dataset has 7"]);
@@ -158,8 +148,7 @@ fn info_describes_approaches_in_words_and_numbers() {
         epsilon = 1e-9
     );
     assert!(text.contains(&format!("{:9.2}", lengths.iter().copied().fold(0.0, f64::max) * 1e3)), "{text}");
-    let files = files(&folder.path("data/data"));
-    let size: usize = files.iter().map(|(_, bytes)| bytes.len()).sum();
+    let size: usize = folder.files("data/data").values().map(Vec::len).sum();
     assert_eq!(statistics["bytes"]["total"].as_u64(), Some(size as u64));
 }
 
@@ -219,4 +208,118 @@ fn show_draws_avoidance_maps() {
     let rings = sheet.matches("fill=\"none\" stroke=\"#0072b2\"").count();
     assert_eq!(rings, obstacles);
     assert_eq!(circles, 7 * (180 + 2) + 2 * obstacles);
+}
+
+#[test]
+fn verify_names_all_that_is_damaged_and_generate_makes_it_again() {
+    let folder = Folder::new();
+    folder.run(&generate("avoid.toml", 13, "data")).ok();
+    let whole = folder.files("data");
+    let told = folder.run("dataset verify data --json").ok().json();
+    assert_eq!(
+        (told["files"].as_u64(), told["faults"].as_array().map(Vec::len)),
+        (Some(3), Some(0)),
+        "{told}"
+    );
+    folder.write("data/data/train-00001-of-00003.parquet", "cut short");
+    std::fs::remove_file(folder.path("data/data/train-00002-of-00003.parquet")).unwrap();
+    folder.write("data/README.md", "# another");
+    let run = folder.run("dataset verify data --json");
+    let named =
+        ["train-00001-of-00003.parquet: expected", "train-00002-of-00003.parquet: missing", "README.md"];
+    run.fails(1, &named);
+    assert_eq!(run.json()["faults"][1]["path"], "data/train-00002-of-00003.parquet");
+    assert_eq!(run.json()["faults"][1]["problem"], "missing");
+    assert_eq!(folder.run(&generate("avoid.toml", 13, "data")).ok().json()["rows_made"], 7);
+    assert!(folder.files("data") == whole);
+    // Nothing can be trusted that a damaged description says; the same configuration makes it again.
+    let described = String::from_utf8(whole["dataset.json"].clone()).unwrap();
+    folder.write("data/dataset.json", &described.replace("\"rows\": 13", "\"rows\": 12"));
+    for command in ["dataset verify data", "dataset info data"] {
+        folder.run(command).fails(1, &["dataset.json: expected", "changed"]);
+    }
+    folder.run(&generate("avoid.toml", 13, "data")).ok();
+    assert!(folder.files("data") == whole);
+}
+
+#[test]
+fn parts_made_apart_are_finished_to_what_one_machine_makes() {
+    let folder = Folder::new();
+    folder.run(&generate("c.toml", 38, "whole")).ok();
+    let part = |part: &str, out: &str| format!("{} --shard {part}", generate("c.toml", 38, out));
+    let made = folder.run(&part("1/2", "data")).ok();
+    assert!(
+        made.stdout().contains("4 of 7 files are there; once all are, run: flowservo dataset finish data")
+    );
+    assert_eq!(
+        (made.json()["rows_made"].as_u64(), made.json()["files_finished"].as_u64()),
+        (Some(20), Some(4))
+    );
+    folder.run("dataset finish data").fails(
+        1,
+        &[
+            "4 of 7 files are there",
+            "data/train-00001-of-00007.parquet: missing (--shard 2/7)",
+            "(--shard 6/7)",
+        ],
+    );
+    for command in ["dataset info data", "dataset verify data"] {
+        let go_on = "flowservo dataset generate data/config.toml --out data";
+        folder.run(command).fails(1, &["4 of 7 files are finished", go_on]);
+    }
+    // Another machine, whose folder is copied over.
+    folder.run(&part("2/4", "other")).ok();
+    for (path, bytes) in folder.files("other") {
+        std::fs::write(folder.path("data").join(path), bytes).unwrap();
+    }
+    // The folder's own configuration is as good as the one that it was made from.
+    folder.run("dataset generate data/config.toml --out data --shard 4/4").ok();
+    folder.run("dataset info data").fails(1, &["dataset finish data"]);
+    let finished = folder.run("dataset finish data --json").ok().json();
+    assert_eq!((finished["rows"].as_u64(), finished["finished_before"].as_bool()), (Some(38), Some(false)));
+    assert!(folder.files("data") == folder.files("whole"));
+    assert!(folder.run("dataset finish data").ok().stdout().contains("was finished before"));
+    folder.run("dataset verify data").ok();
+    folder.run(&part("5/4", "data")).fails(2, &["--shard", "I/N"]);
+    folder.run("dataset finish nowhere").fails(1, &["nowhere", "dataset generate"]);
+    folder.run(&part("1/2", "data").replace("count=38", "count=39")).fails(1, &["another configuration"]);
+}
+
+#[test]
+fn several_processes_in_one_folder_make_what_one_makes() {
+    let folder = Folder::new();
+    let command = |out: &str, part: &str| format!("{} --threads 1 {part}", generate("a.toml", 60, out));
+    folder.run(&command("whole", "")).ok();
+    let whole = folder.files("whole");
+    let mut refused = 0;
+    for (round, parts) in [
+        &["", "", ""][..],
+        &["--shard 1/3", "--shard 2/3", "--shard 3/3"],
+        &["--shard 1/2", "", "--shard 2/2"],
+        &["--shard 1/2", "--shard 1/2", "--shard 2/2"],
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let out = format!("out{round}");
+        let runs = std::thread::scope(|scope| {
+            let run = |part: &&str| {
+                let (command, folder) = (command(&out, part), &folder);
+                scope.spawn(move || folder.run(&command))
+            };
+            let runs: Vec<_> = parts.iter().map(run).collect();
+            runs.into_iter().map(|run| run.join().unwrap()).collect::<Vec<_>>()
+        });
+        for run in runs.iter().filter(|run| !run.succeeded()) {
+            assert_ne!(round, 1, "parts that share nothing are in no one's way: {}", run.stderr());
+            run.fails(1, &["another process is writing this file", "--shard I/N"]);
+            refused += 1;
+        }
+        assert!(runs.iter().any(|run| run.succeeded()), "{parts:?}");
+        let last = if round == 1 { format!("dataset finish {out}") } else { command(&out, "") };
+        folder.run(&last).ok();
+        folder.run(&format!("dataset verify {out}")).ok();
+        assert!(folder.files(&out) == whole, "{parts:?}");
+    }
+    assert!(refused > 0, "no two processes met at a file: nothing was tested");
 }

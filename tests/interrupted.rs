@@ -1,8 +1,10 @@
-//! Ctrl-C and a full disk: what is finished stays, and the same command goes on.
+//! Ctrl-C, SIGKILL and a full disk: what is finished stays, and the same command goes on.
 
 use crate::support::{Folder, repository};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::fs;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 fn generate(count: usize) -> String {
@@ -18,7 +20,8 @@ fn generate(count: usize) -> String {
 fn a_dataset_goes_on_after_ctrl_c() {
     let folder = Folder::new();
     let stopped = folder.run_until("data/data/train-00000-of-00032.parquet", &generate(4096));
-    stopped.fails(1, &["stopped after", "the same command continues"]);
+    stopped.fails(1, &["stopped after", "of 32 files finished; the same command continues"]);
+    folder.run("dataset verify data").fails(1, &["of 32 files are finished", "data/config.toml --out data"]);
     assert!(!folder.path("data/dataset.json").exists(), "an incomplete dataset must not look complete");
     let result = folder.run(&generate(4096)).ok().json();
     let made = result["rows_made"].as_u64().unwrap();
@@ -26,6 +29,131 @@ fn a_dataset_goes_on_after_ctrl_c() {
     let whole = Folder::new();
     let undisturbed = whole.run(&generate(4096)).ok().json();
     assert_eq!(result["digest"], undisturbed["digest"]);
+}
+
+/// A dataset of 48 files of two groups of tiny images.
+fn generate_many(out: &str) -> String {
+    let config = repository().join("configs/datasets/a.toml");
+    format!(
+        "dataset generate {} --out {out} --json --set count=7680 --set rows_per_shard=160 \
+         --set world.camera.width=32 --set world.camera.height=24",
+        config.display()
+    )
+}
+
+/// Names in a folder of the dataset that end so.
+fn names(folder: &Path, end: &str) -> BTreeSet<String> {
+    let Ok(entries) = fs::read_dir(folder) else { return BTreeSet::new() };
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    names.filter(|name| name.ends_with(end)).collect()
+}
+
+/// When to kill the making of a dataset.
+#[derive(Debug)]
+enum Step {
+    /// So long after it began.
+    After(Duration),
+    /// In the midst of a file, of which a group is written.
+    Within,
+    /// When a file has got its name, and not yet its record.
+    Named,
+    /// When a file is finished.
+    Recorded,
+}
+
+#[cfg(unix)]
+#[test]
+fn a_dataset_goes_on_after_being_killed_at_any_moment_and_ends_alike() {
+    use std::os::unix::fs::MetadataExt as _;
+    let folder = Folder::new();
+    let (data, records) = (folder.path("data/data"), folder.path("data/shards"));
+    let finished = || names(&records, ".json");
+    // The file that a record is of. Made again, it would be another.
+    let inode = |record: &String| {
+        let file = data.join(record.replace(".json", ".parquet"));
+        (record.clone(), fs::metadata(file).unwrap().ino())
+    };
+    let (mut kills, mut within, mut random) = (0, 0, 7_u64);
+    let mut committed: BTreeSet<(String, u64)> = BTreeSet::new();
+    for round in 0..28 {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let step = match round % 4 {
+            0 => Step::After(Duration::from_micros((random >> 33) % 150_000)),
+            1 => Step::Within,
+            2 => Step::Named,
+            _ => Step::Recorded,
+        };
+        let (begun, before) = (Instant::now(), (finished().len(), names(&data, ".parquet").len()));
+        let killed = folder.run_and_kill(&generate_many("data"), || match step {
+            Step::After(delay) => begun.elapsed() >= delay,
+            Step::Within => names(&data, ".partial")
+                .iter()
+                .any(|name| fs::metadata(data.join(name)).is_ok_and(|partial| partial.len() > 1000)),
+            Step::Named => names(&data, ".parquet").len() > before.1,
+            Step::Recorded => finished().len() > before.0,
+        });
+        assert!(killed, "round {round}: the dataset was finished before {step:?}");
+        kills += 1;
+        within += usize::from(!names(&data, ".partial").is_empty());
+        let now = finished().iter().map(inode).collect();
+        assert!(committed.is_subset(&now), "{step:?}: what was finished is gone or was made again");
+        committed = now;
+    }
+    assert!(within >= 5, "{within} of {kills} kills were in the midst of a file");
+    kills += kill_at_the_end(&folder);
+    let result = folder.run(&generate_many("data")).ok().json();
+    assert!(result["rows_made"].as_u64().unwrap() <= 7680 - 160 * committed.len() as u64);
+    for (record, inode) in &committed {
+        let file = data.join(record.replace(".json", ".parquet"));
+        assert_eq!(fs::metadata(file).unwrap().ino(), *inode, "{record} was made again");
+    }
+    folder.run(&generate_many("whole")).ok();
+    assert!(folder.files("data") == folder.files("whole"), "differs after {kills} kills");
+}
+
+/// Kills the run that has all files, in the midst of what it writes last; returns how often.
+#[cfg(unix)]
+fn kill_at_the_end(folder: &Folder) -> usize {
+    let there = |name: &str| folder.path("data").join(name).exists();
+    folder.run(&format!("{} --shard 1/1", generate_many("data"))).ok();
+    let moments: [&dyn Fn() -> bool; 4] = [
+        &|| there(".README.md.partial"),
+        &|| there("README.md"),
+        &|| there(".dataset.json.partial"),
+        &|| there("dataset.json"),
+    ];
+    let kill = |moment: &&dyn Fn() -> bool| folder.run_and_kill(&generate_many("data"), moment);
+    moments.iter().filter(|moment| kill(moment)).count()
+}
+
+#[test]
+fn half_written_leftovers_do_not_block() {
+    let folder = Folder::new();
+    folder.run(&generate_many("whole")).ok();
+    folder.run(&format!("{} --shard 1/2", generate_many("data"))).ok();
+    for name in
+        [".config.toml.partial", "data/.train-00001-of-00048.parquet.partial", ".dataset.json.partial"]
+    {
+        folder.write(&format!("data/{name}"), "what a killed process left");
+    }
+    // Records cut short: of a file that is there, and of one that is not; and a file without a record.
+    let record = fs::read_to_string(folder.path("data/shards/train-00002-of-00048.json")).unwrap();
+    for i in [2, 3] {
+        folder.write(&format!("data/shards/train-{i:05}-of-00048.json"), &record[..record.len() / 2]);
+    }
+    fs::remove_file(folder.path("data/shards/train-00004-of-00048.json")).unwrap();
+    folder.run("dataset finish data").fails(
+        1,
+        &[
+            "22 of 48 files are there",
+            "train-00001-of-00048.parquet: missing",
+            "train-00002-of-00048.parquet: there without its record",
+            "train-00004-of-00048.parquet: there without its record",
+        ],
+    );
+    let result = folder.run(&generate_many("data")).ok().json();
+    assert_eq!(result["rows_made"], 160 * 26);
+    assert!(folder.files("data") == folder.files("whole"));
 }
 
 /// Trains a tiny network on `data`.
@@ -124,8 +252,36 @@ fn metrics(folder: &Folder, run: &str) -> Vec<Value> {
 #[test]
 fn a_full_disk_is_an_error_and_the_same_command_goes_on() {
     let folder = Folder::new();
-    folder.run_with_little_space(64, &generate(256)).fails(1, &["data/data"]);
+    let name = "data/data/train-00000-of-00002.parquet";
+    folder.run_with_little_space(64, &generate(256)).fails(1, &[name, "File too large"]);
     assert!(!folder.path("data/dataset.json").exists());
     folder.run(&generate(256)).ok();
     folder.run("dataset verify data").ok();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_an_error_whatever_is_written() {
+    let folder = Folder::new();
+    folder.run(&generate(256).replace("--out data", "--out whole")).ok();
+    let mut made = Vec::new();
+    for name in [
+        "config.toml",
+        "shards/train-00000-of-00002.json",
+        "shards/train-00001-of-00002.json",
+        "README.md",
+        "dataset.json",
+    ] {
+        // Where the file is written before it gets its name, nothing can be written.
+        let (inside, file) = name.rsplit_once('/').unwrap_or(("", name));
+        let inside = folder.path("data").join(inside);
+        fs::create_dir_all(&inside).unwrap();
+        std::os::unix::fs::symlink("/dev/full", inside.join(format!(".{file}.partial"))).unwrap();
+        folder.run(&generate(256)).fails(1, &[&format!("data/{name}"), "No space left on device"]);
+        assert!(!folder.path("data/dataset.json").exists());
+        made.push(names(&folder.path("data/shards"), ".json").len());
+    }
+    assert_eq!(made, [0, 0, 1, 2, 2], "what was committed stays");
+    assert_eq!(folder.run(&generate(256)).ok().json()["rows_made"], 0);
+    assert!(folder.files("data") == folder.files("whole"));
 }

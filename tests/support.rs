@@ -1,5 +1,6 @@
 //! A temporary folder, and the program run in it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
@@ -20,6 +21,24 @@ impl Folder {
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, text).unwrap();
         path
+    }
+
+    /// All files below a folder in it, with their content, by their path there.
+    pub(crate) fn files(&self, name: &str) -> BTreeMap<String, Vec<u8>> {
+        let (root, mut found) = (self.path(name), BTreeMap::new());
+        let mut folders = vec![root.clone()];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else {
+                    let below = path.strip_prefix(&root).unwrap().display().to_string();
+                    found.insert(below, std::fs::read(&path).unwrap());
+                }
+            }
+        }
+        found
     }
 
     /// Runs `flowservo` with these arguments, separated by spaces.
@@ -120,6 +139,10 @@ impl Run {
 
     pub(crate) fn stderr(&self) -> String {
         String::from_utf8_lossy(&self.output.stderr).into_owned()
+    }
+
+    pub(crate) fn succeeded(&self) -> bool {
+        self.output.status.success()
     }
 
     /// The run succeeded.

@@ -214,7 +214,7 @@ fn incomplete(dir: &Path, files: Option<(u64, u64)>) -> String {
 /// Lists what a dataset lacks, and says how to make it.
 fn unfinished(dir: &Path, of: u64, missing: &[(Part, Fault)]) -> String {
     let dir = dir.display();
-    let lines: String = missing.iter().map(|(part, fault)| format!("\n  {fault} (--shard {part})")).collect();
+    let lines = lines(missing.iter().map(|(part, fault)| format!("{fault} (--shard {part})")));
     format!(
         "{dir}: {} of {of} files are there; these are not:{lines}\n`flowservo dataset generate {dir}/config.toml --out \
          {dir}` makes them and finishes the dataset; with a --shard it makes this file alone, on any machine",

@@ -109,6 +109,6 @@ pub fn none(dir: &Path, faults: Vec<Fault>) -> Result<()> {
 }
 
 /// A line each, indented.
-pub(crate) fn lines(faults: &[Fault]) -> String {
-    faults.iter().map(|fault| format!("\n  {fault}")).collect()
+pub(crate) fn lines<T: fmt::Display>(items: impl IntoIterator<Item = T>) -> String {
+    items.into_iter().fold(String::new(), |text, item| text + &format!("\n  {item}"))
 }

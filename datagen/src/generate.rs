@@ -2,7 +2,7 @@
 
 use crate::config::DatasetConfig;
 use crate::earlier::Earlier;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::example::Collector;
 use crate::finish::complete;
 use crate::info::FileRecord;
@@ -93,13 +93,15 @@ fn make(
     let missing = shards.iter().zip(&found).filter(|(_, file)| file.is_none()).map(|(shard, _)| shard);
     let rows = missing.clone().flat_map(|shard| shard.rows.clone());
     // Rows are made across the ends of files, while this thread writes.
-    let made: Vec<_> = in_order(
+    let made: Result<Vec<_>> = in_order(
         rows,
         |row| collector.example(row),
-        |examples| {
-            missing.clone().map(|shard| shard.write(collector, out, examples, run)).collect::<Result<_>>()
-        },
-    )?;
+        |examples| missing.clone().map(|shard| shard.write(collector, out, examples, run)).collect(),
+    );
+    if let Err(Error::Example { .. }) = made {
+        recipe::give_up(out)?;
+    }
+    let made = made?;
     let mut made = made.into_iter();
     let files = found.into_iter().filter_map(|file| file.or_else(|| made.next()));
     Ok((earlier, files.collect()))
@@ -108,7 +110,6 @@ fn make(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::Error;
     use crate::finish::finish;
     use crate::info::config_digest;
     use crate::reader::DatasetReader;
@@ -277,6 +278,15 @@ mod tests {
         assert!(error().contains("4 of 7 files are finished") && error().contains(&again), "{}", error());
         make_part("2/2", dir.path());
         assert!(error().contains("dataset finish"), "{}", error());
+    }
+
+    #[test]
+    fn a_configuration_that_makes_no_rows_does_not_keep_the_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut nowhere = config("a", 4);
+        (nowhere.target.x_mm, nowhere.rejection.tries) = ([900.0, 900.0], 20);
+        assert!(matches!(make(&nowhere, dir.path()), Err(Error::Example { index: 0, .. })));
+        make(&config("a", 4), dir.path()).unwrap();
     }
 
     #[test]

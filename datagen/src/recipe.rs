@@ -2,8 +2,9 @@
 
 use crate::config::DatasetConfig;
 use crate::error::{Error, Result};
-use crate::info::config_digest;
+use crate::info::{self, config_digest};
 use crate::publish::{io, publish};
+use crate::record::ShardRecord;
 use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
@@ -27,7 +28,7 @@ pub fn text(config: &DatasetConfig) -> Result<String> {
     Ok(toml::to_string(config)?)
 }
 
-/// Makes a folder that of a configuration; refuses one that is of another.
+/// Makes a folder that of a configuration, if it is not yet; refuses one that is of another.
 pub(crate) fn claim(config: &DatasetConfig, dir: &Path) -> Result<()> {
     let (path, text) = (dir.join(FILE_NAME), text(config)?);
     refuse_other(config, dir)?;
@@ -40,6 +41,15 @@ pub(crate) fn claim(config: &DatasetConfig, dir: &Path) -> Result<()> {
         refuse_other(config, dir)?;
         file.write_all(text.as_bytes()).map_err(|source| io(&path, source))
     })
+}
+
+/// Gives a folder free again whose configuration makes no rows, if it holds nothing that is finished.
+pub(crate) fn give_up(dir: &Path) -> Result<()> {
+    let path = dir.join(FILE_NAME);
+    if dir.join(info::FILE_NAME).exists() || !ShardRecord::all(dir)?.is_empty() {
+        return Ok(());
+    }
+    std::fs::remove_file(&path).map_err(|source| io(&path, source))
 }
 
 /// Refuses a folder of another configuration.

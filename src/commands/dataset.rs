@@ -8,6 +8,7 @@ use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
 use anyhow::Result;
 use datagen::finish::Finished;
+use datagen::shard::Shard;
 use datagen::{DatasetConfig, DatasetInfo, Options, Part};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -67,8 +68,8 @@ pub(crate) fn run(command: &cli::Dataset, stop: &Stop, json: bool) -> Result<()>
 pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Result<Generated> {
     let progress = Progress::start(&format!("dataset {}", config.name), "rows", config.count);
     let options = Options { stop: stop.flag() };
-    let summary = datagen::generate(config, out, &options, &|state| progress.follow(state))?;
-    progress.say_found(out, summary.rows - summary.rows_made, summary.rows);
+    let summary = datagen::generate(config, out, &options, &follow(&progress))?;
+    say_found(&progress, out, [summary.rows, summary.rows_made]);
     let seconds = progress.finish();
     let images_made = summary.images as f64 / summary.rows as f64 * summary.rows_made as f64;
     Ok(Generated {
@@ -81,6 +82,18 @@ pub(crate) fn generate(config: &DatasetConfig, out: &Path, stop: &Stop) -> Resul
         peak_rss_mb: peak_rss_mb(),
         digest: summary.digest,
     })
+}
+
+/// Passes on how far a dataset is.
+fn follow(progress: &Progress) -> impl Fn(datagen::Progress) {
+    |state| progress.update_from(state.rows_done - state.rows_made, state.rows_done)
+}
+
+/// Says how many rows were there, if some but not all were.
+fn say_found(progress: &Progress, out: &Path, [rows, made]: [u64; 2]) {
+    if (1..rows).contains(&made) {
+        progress.say(&format!("{}: {} rows were there already", out.display(), rows - made));
+    }
 }
 
 /// What `dataset generate --shard` made.
@@ -100,10 +113,11 @@ struct GeneratedPart {
 
 /// Makes a part of a dataset and says how to go on.
 fn generate_part(config: &DatasetConfig, part: Part, out: &Path, stop: &Stop) -> Result<GeneratedPart> {
-    let progress = Progress::start(&format!("dataset {}, part {part}", config.name), "rows", 0);
+    let rows = Shard::of_part(config, part).iter().map(|shard| shard.rows.end - shard.rows.start).sum();
+    let progress = Progress::start(&format!("dataset {}, part {part}", config.name), "rows", rows);
     let options = Options { stop: stop.flag() };
-    let summary = datagen::generate_part(config, part, out, &options, &|state| progress.follow(state))?;
-    progress.say_found(out, summary.rows - summary.rows_made, summary.rows);
+    let summary = datagen::generate_part(config, part, out, &options, &follow(&progress))?;
+    say_found(&progress, out, [summary.rows, summary.rows_made]);
     let generated = GeneratedPart {
         name: config.name.clone(),
         shard: part.to_string(),
