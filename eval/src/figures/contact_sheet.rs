@@ -8,7 +8,9 @@ use crate::svg::{Anchor, Area, INK, PALETTE, Stroke, Svg, TextStyle};
 use datagen::config::Kind;
 use datagen::row::Row;
 use datagen::statistics::BLOCKED;
-use datagen::{ApproachRow, AvoidanceRow, CameraRow, DatasetReader, ImagesRow, MotionRow, SceneRow, png};
+use datagen::{
+    ApproachRow, AvoidanceRow, CameraRow, DatasetConfig, DatasetReader, ImagesRow, MotionRow, SceneRow, png,
+};
 use image::RgbImage;
 use image::imageops::thumbnail;
 use nalgebra::Point2;
@@ -118,8 +120,8 @@ impl Example {
         let ImagesRow { index, images } = one(reader, row)?;
         let images = images.iter().map(|bytes| png::decode(bytes)).collect::<datagen::Result<Vec<_>>>()?;
         let CameraRow { focal, center, hand_from_camera, .. } = one(reader, row)?;
-        let (width, height) = images[0].dimensions();
-        let motions = &reader.info().config.motions;
+        let DatasetConfig { world, motions, .. } = &reader.info().config;
+        let [width, height] = [world.camera.width, world.camera.height];
         let MotionRow { motion, .. } = one(reader, row)?;
         Ok(Self {
             index,
@@ -130,13 +132,18 @@ impl Example {
         })
     }
 
-    fn draw_image(&self, svg: &mut Svg, area: &Area, i: usize) -> Result<()> {
-        let image = &self.images[i];
-        if image.width() <= MOST_PIXELS {
-            return svg.image(area, image);
+    /// Draws the images side by side, the first one into an area.
+    fn draw_images(&self, svg: &mut Svg, area: &Area) -> Result<()> {
+        for (i, image) in self.images.iter().enumerate() {
+            let area = Area { x: area.x + i as f64 * (area.width + BETWEEN), ..*area };
+            if image.width() <= MOST_PIXELS {
+                svg.image(&area, image)?;
+            } else {
+                let height = image.height() * MOST_PIXELS / image.width();
+                svg.image(&area, &thumbnail(image, MOST_PIXELS, height.max(1)))?;
+            }
         }
-        let height = image.height() * MOST_PIXELS / image.width();
-        svg.image(area, &thumbnail(image, MOST_PIXELS, height))
+        Ok(())
     }
 }
 
@@ -159,7 +166,7 @@ fn draw_header(svg: &mut Svg, reader: &DatasetReader) {
         draw_color_bar(svg, [MARGIN + WIDTH - 390.0, MARGIN + 5.0]);
     }
     let facts = format!(
-        "{} dataset  ·  {} rows  ·  seed {}  ·  {} x {} pixels  ·  digest {}",
+        "{} dataset · {} rows · seed {} · {} x {} pixels · digest {}",
         config.kind,
         info.rows,
         config.seed,
@@ -179,8 +186,7 @@ fn draw_header(svg: &mut Svg, reader: &DatasetReader) {
 
 /// Current and goal image with the flow between them; returns what stands below at the right.
 fn draw_approach(svg: &mut Svg, area: &Area, example: &Example, row: &ApproachRow) -> Result<String> {
-    example.draw_image(svg, area, 0)?;
-    example.draw_image(svg, &Area { x: area.x + area.width + BETWEEN, ..*area }, 1)?;
+    example.draw_images(svg, area)?;
     let Example { camera, scene, .. } = example;
     let [current, goal] = [&row.robot_from_current, &row.robot_from_goal];
     let cameras = [current, goal].map(|robot_from_hand| robot_from_hand * camera.hand_from_camera);
@@ -197,8 +203,8 @@ fn draw_approach(svg: &mut Svg, area: &Area, example: &Example, row: &ApproachRo
 
 /// The image beside its avoidance map; returns what stands below at the right.
 fn draw_avoidance(svg: &mut Svg, area: &Area, example: &Example, row: &AvoidanceRow) -> Result<String> {
-    example.draw_image(svg, area, 0)?;
-    let points = MeasuringPoints::spiral(row.values.len());
+    example.draw_images(svg, area)?;
+    let points = MeasuringPoints::spiral(row.values.len().max(2));
     let map = AvoidanceMap { values: row.values.iter().copied().map(f64::from).collect() };
     let middle = area.y + area.height / 2.0;
     for (pole, upwards) in POLES.into_iter().zip([false, true]) {
