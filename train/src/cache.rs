@@ -26,7 +26,7 @@ use crate::stream::ImageStream;
 const FOLDER: &str = "cache";
 /// First bytes of a file.
 const MAGIC: &[u8; 8] = b"FSIMAGES";
-/// Version of the file's form and of what becomes of an image in [`input`]: other bytes need another number.
+/// Version of the file's form and of what becomes of an image in [`input`](crate::input): other bytes need another number.
 const FORMAT: u64 = 1;
 /// Examples that are decoded at a time.
 const CHUNK: u64 = 128;
