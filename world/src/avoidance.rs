@@ -187,6 +187,9 @@ mod tests {
         // Two layers of the cells of a disc of radius 2.5 cells: 5 x 5 without the 4 corners.
         let disc = body(Shape::Cylinder { radius: 0.0251, half_height: 0.01 }, [0.0; 3], [0.0; 3]);
         assert_eq!(elements(vec![disc]).centers().len(), 2 * 21);
+        // 81 points of the lattice of whole numbers are no farther than √6 from the origin, and none between √6 and √8.
+        let ball = body(Shape::Sphere { radius: 0.0251 }, [0.0; 3], [0.0; 3]);
+        assert_eq!(elements(vec![ball]).centers().len(), 81);
         // A thing smaller than an element is one element.
         let grain = body(Shape::Sphere { radius: 0.002 }, [0.1, 0.2, 0.3], [0.0; 3]);
         assert_eq!(elements(vec![grain]).centers(), [Point3::new(0.1, 0.2, 0.3)]);

@@ -23,6 +23,8 @@ pub(crate) struct Canvas<'a> {
     /// Does the current row consist of several cells?
     is_mixed: bool,
     edges: Vec<EdgeInRow>,
+    /// y of the rays through the middle of the row, as far as the cell has it.
+    y: f64,
     /// Looks at the patches' textures.
     weaves: Vec<Option<Weave<'a>>>,
 }
@@ -71,7 +73,17 @@ impl<'a> Canvas<'a> {
         let (sums, steps) = (vec![Sum::default(); width], vec![Sum::default(); width + 1]);
         let weaves =
             view.patches.iter().map(|patch| patch.texture.as_ref().map(TextureInView::weave)).collect();
-        Self { view, bytes, sums, summed: Vec::new(), steps, is_mixed: false, edges: Vec::new(), weaves }
+        Self {
+            view,
+            bytes,
+            sums,
+            summed: Vec::new(),
+            steps,
+            is_mixed: false,
+            edges: Vec::new(),
+            y: 0.0,
+            weaves,
+        }
     }
 
     /// Draws a cell; cells come from top to bottom without gaps.
@@ -80,6 +92,7 @@ impl<'a> Canvas<'a> {
         for row in cell.top.floor() as usize..cell.bottom.ceil() as usize {
             let (top, bottom) = (cell.top.max(row as f64), cell.bottom.min(row as f64 + 1.0));
             self.is_mixed = bottom - top < 1.0;
+            self.y = self.view.camera.ray(&Point2::new(0.0, 0.5 * (top + bottom))).y;
             self.edges.clear();
             self.edges.extend(cell.edges.iter().map(|edge| EdgeInRow::new(edge, top, bottom, width)));
             for (i, &patch) in cell.patches.iter().enumerate() {
@@ -94,7 +107,7 @@ impl<'a> Canvas<'a> {
     fn draw_span(&mut self, row: usize, [top, bottom]: [f64; 2], [left, right]: [EdgeInRow; 2], patch: u16) {
         let weave = self.weaves[usize::from(patch)].as_mut();
         let patch = &self.view.patches[usize::from(patch)];
-        let mut shade = Shade::new(self.view, patch, 0.5 * (top + bottom), weave);
+        let mut shade = Shade::new(self.view, patch, self.y, weave);
         let height = bottom - top;
         let (begin, end) = (left.from.floor() as usize, right.to.ceil() as usize);
         let inner = left.to.ceil() as usize..right.from.floor() as usize;
@@ -182,8 +195,7 @@ struct Shade<'a, 'b> {
 }
 
 impl<'a, 'b> Shade<'a, 'b> {
-    fn new(view: &'a View<'a>, patch: &'a Patch, v: f64, weave: Option<&'a mut Weave<'b>>) -> Self {
-        let y = view.camera.ray(&Point2::new(0.0, v)).y;
+    fn new(view: &'a View<'a>, patch: &'a Patch, y: f64, weave: Option<&'a mut Weave<'b>>) -> Self {
         let surface = patch.surface.on_line(y);
         let is_constant = weave.is_none() && matches!(surface, SurfaceOnLine::Flat(_));
         let constant = is_constant.then(|| lit(patch.color, patch.brightness));

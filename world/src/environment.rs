@@ -136,6 +136,26 @@ mod tests {
     }
 
     #[test]
+    fn a_sphere_lies_on_the_table_with_a_cross_on_its_upper_side() {
+        let world = Environment::new(&config()).unwrap();
+        let ball = Shape::Sphere { radius: 0.025 };
+        let scene = world.scene((ball, Isometry3::translation(0.36, 0.18, 0.005)), vec![]);
+        assert_relative_eq!(scene.target.material.cross.unwrap().width, 0.25 * 0.05, epsilon = 1e-12);
+        let hand = hand_at(0.36, 0.18, 0.085);
+        assert!(!world.hand.contacts(&hand, &scene).any());
+        assert_eq!(world.avoidance_map(&scene, &hand).values, vec![0.0; config().avoidance.measuring_points]);
+        let image = world.wrist_image(&scene, &hand);
+        let is_red = |x, y| image.get_pixel(x, y)[0] / 2 > image.get_pixel(x, y)[1];
+        // The centre is 180 mm below the camera, so that the outline's radius is 554 * 25 / √(180² - 25²) = 77.7 pixels, where
+        // the bars end at 90° from the middle; half their width is about 22 pixels.
+        assert!(
+            is_red(320, 240) && is_red(394, 240) && is_red(246, 240) && is_red(320, 166) && is_red(320, 314)
+        );
+        assert!(!is_red(360, 280) && !is_red(280, 200));
+        assert_ne!(image.get_pixel(320 + 76, 240), image.get_pixel(320 + 80, 240));
+    }
+
+    #[test]
     fn an_avoidance_map_speaks_in_axes_of_the_robot_and_knows_the_edges_of_the_hand() {
         let world = Environment::new(&config()).unwrap();
         let post = (cuboid([0.01, 0.01, 0.01]), Isometry3::translation(0.36, 0.30, 0.1));

@@ -181,6 +181,26 @@ mod tests {
     }
 
     #[test]
+    fn a_sphere_is_touched_where_it_is_round() {
+        let ball = |radius: f64, center: [f64; 3]| Body {
+            shape: Shape::Sphere { radius },
+            ..cuboid([0.0; 3], center)
+        };
+        // The outer edge of the tip of a finger is 62 mm aside and at a height of 30 mm; the ball's centre 30 mm further and
+        // 40 mm lower.
+        let beside = scene(vec![ball(0.045, [0.0, 0.092, -0.01])]);
+        assert_relative_eq!(hand().clearance(&above(0.1, 0.0), &beside), 0.005, epsilon = 1e-9);
+        assert!(!hand().contacts(&above(0.1, 0.0), &beside).obstacle);
+        assert!(hand().contacts(&above(0.1, 0.0), &scene(vec![ball(0.0501, [0.0, 0.092, -0.01])])).obstacle);
+        // Between the fingers, under the palm.
+        let on_ball = |height| {
+            let target = ball(0.03, [0.0, 0.0, 0.03]);
+            hand().contacts(&above(height, 0.0), &Scene { target, ..scene(vec![]) }).target
+        };
+        assert!(on_ball(0.0599) && !on_ball(0.0601));
+    }
+
+    #[test]
     fn contact_with_an_obstacle_is_no_clearance() {
         let under_the_finger = scene(vec![cuboid([0.02; 3], [0.0, -0.056, 0.031])]);
         let contacts = hand().contacts(&above(0.11, 0.0), &under_the_finger);

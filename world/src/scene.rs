@@ -122,3 +122,19 @@ impl Scene {
         self.target.robot_from_body.translation.vector.into()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_written_before_there_were_textures_is_read_and_none_is_not_written() {
+        let plain = "color = [0.5, 0.25, 1.0]\n";
+        let material: Material = toml::from_str(plain).unwrap();
+        assert_eq!(material, Material { color: [0.5, 0.25, 1.0], cross: None, texture: None });
+        assert_eq!(toml::to_string(&material).unwrap(), plain);
+        let texture = Texture { grain: Vector3::new(0.05, 0.002, 0.01), contrast: 0.3, seed: 7 };
+        let dyed = Material { texture: Some(texture), ..material };
+        assert_eq!(toml::from_str::<Material>(&toml::to_string(&dyed).unwrap()).unwrap(), dyed);
+    }
+}

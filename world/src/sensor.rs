@@ -140,7 +140,7 @@ impl Noise {
         let low_bytes = 0x00ff_00ff_00ff_00ff;
         let pairs = (bits & low_bytes) + (bits >> 8 & low_bytes);
         let sum = pairs.wrapping_mul(0x0001_0001_0001_0001) >> 48;
-        ((sum as i64 - 1020) * self.scale + 32768) >> 16
+        ((i64::from(sum as u16) - 1020) * self.scale + 32768) >> 16
     }
 }
 
