@@ -189,7 +189,10 @@ fn numbers(range: &RangeConfig) -> [f64; 7] {
 fn dataset(name: &str) -> DatasetConfig {
     let read = |name: &str| std::fs::read_to_string(repository().join("configs").join(name)).unwrap();
     let mut table: toml::Table = read(&format!("datasets/{name}.toml")).parse().unwrap();
-    table.insert("world".to_owned(), toml::Value::Table(read("world.toml").parse().unwrap()));
+    for extended in ["world", "randomization"] {
+        let below = read(&format!("{extended}.toml")).parse().unwrap();
+        table.insert(extended.to_owned(), toml::Value::Table(below));
+    }
     DatasetConfig::from_table(table).unwrap()
 }
 

@@ -34,9 +34,8 @@ impl<'a> Randomizer<'a> {
 
     /// The camera's mount with its error.
     pub fn mount(&mut self, hand_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
-        let camera = &self.config.camera;
-        let shift = self.vector(mm(camera.shift_mm));
-        let turn = self.vector(deg(camera.turn_deg));
+        let shift = self.vector(mm(self.config.camera.shift_mm));
+        let turn = self.vector(deg(self.config.camera.turn_deg));
         let error = Isometry3::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn));
         // The product with nothing would change a bit or two.
         if error == Isometry3::identity() { *hand_from_camera } else { hand_from_camera * error }
@@ -95,10 +94,10 @@ impl<'a> Randomizer<'a> {
         color.map(|channel| (channel + uniform([-spread, spread], &mut self.rng)).clamp(0.0, 1.0))
     }
 
-    fn texture(&mut self, range: &TextureRange, axes: usize) -> Option<Texture> {
-        let contrast = uniform(range.contrast, &mut self.rng);
-        let mut grain = Vector3::repeat(mm(uniform(range.grain_mm, &mut self.rng)));
-        grain[self.rng.random_range(0..axes)] *= uniform(range.stretch, &mut self.rng);
+    fn texture(&mut self, config: &TextureRange, axes: usize) -> Option<Texture> {
+        let contrast = uniform(config.contrast, &mut self.rng);
+        let mut grain = Vector3::repeat(mm(uniform(config.grain_mm, &mut self.rng)));
+        grain[self.rng.random_range(0..axes)] *= uniform(config.stretch, &mut self.rng);
         let seed = self.rng.random();
         (contrast > 0.0).then_some(Texture { grain, contrast, seed })
     }
