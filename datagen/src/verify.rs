@@ -37,7 +37,8 @@ mod tests {
     use crate::tiny::{config, make};
     use crate::{card, recipe};
     use rand::RngExt as _;
-    use std::fs;
+    use std::fs::{self, File};
+    use std::io::{Seek as _, SeekFrom, Write as _};
 
     fn damaged(dir: &Path) -> Vec<String> {
         verify(dir).unwrap().into_iter().map(|fault| fault.path).collect()
@@ -59,11 +60,16 @@ mod tests {
                 _ if name == data => (0..300).map(|_| random.random_range(0..whole.len())).collect(),
                 _ => (0..whole.len()).collect(),
             };
+            // In place: a file system may flush a file that is written anew.
+            let mut file = File::options().write(true).open(&path).unwrap();
+            let mut put = |position: usize, byte: u8| {
+                file.seek(SeekFrom::Start(position as u64)).unwrap();
+                file.write_all(&[byte]).unwrap();
+            };
             for (i, position) in positions.into_iter().enumerate() {
-                let mut bytes = whole.clone();
-                bytes[position] ^= 1 << (i % 8);
-                fs::write(&path, bytes).unwrap();
+                put(position, whole[position] ^ (1 << (i % 8)));
                 assert_eq!(damaged(dir.path()), [name], "byte {position}, bit {}", i % 8);
+                put(position, whole[position]);
             }
             for length in [0, 1, whole.len() / 2, whole.len() - 1] {
                 fs::write(&path, &whole[..length]).unwrap();
