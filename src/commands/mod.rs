@@ -46,11 +46,7 @@ fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let write = || -> Result<()> {
         std::fs::create_dir_all(folder)?;
-        let mut staged = tempfile::NamedTempFile::new_in(folder)?;
-        staged.write_all(content.as_ref())?;
-        staged.as_file().sync_all()?;
-        staged.persist(path)?;
-        Ok(())
+        datagen::publish::publish(path, |file| Ok(file.write_all(content.as_ref())?))
     };
     write().with_context(|| format!("{}: cannot be written", path.display()))
 }
