@@ -1,4 +1,5 @@
 //! What the rows of the shipped datasets cost, in parts and as a whole: `cargo bench -p datagen`.
+#![allow(clippy::unwrap_used)]
 
 use datagen::range::stream;
 use datagen::{Collector, DatasetConfig, Options, Sampler, generate, png};

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Our images against PyBullet's and MuJoCo's on this machine, in speed and side by side: datagen/benches/simulators.sh --help
-# Needs Python 3.10 or newer, a release build of flowservo, EGL with a driver that renders on the CPU (Debian: libegl1 and
+# Needs Python 3.11 or newer, a release build of flowservo, EGL with a driver that renders on the CPU (Debian: libegl1 and
 # libgl1-mesa-dri), taskset, and, the first time, the Python package index. Everything it installs is in target/simulators.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/simulators"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Opens small datasets with the tools that people use, and recomputes their numbers: tests/python/run.sh [FLOWSERVO]
 #
-# FLOWSERVO is the program; by default the one that was built last. Needs Python 3.10 or newer with venv and, the first time,
+# FLOWSERVO is the program; by default the one that was built last. Needs Python 3.11 or newer with venv and, the first time,
 # the Python package index; everything it installs is in target/python. Where that is not to be had it says "skipped: ..."
 # and succeeds, unless FLOWSERVO_REQUIRE_PYTHON=1.
 set -euo pipefail
@@ -18,12 +18,12 @@ skip() {
 }
 
 if ! cmp -s "$requirements" "$venv/requirements.txt"; then
-    python3 -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 10))' 2>/dev/null \
-        || skip "no Python 3.10 or newer with venv"
+    python3 -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+        || skip "no Python 3.11 or newer with venv"
     mkdir -p "$target"
     python3 -m venv --clear "$venv"
     "$venv/bin/pip" install --quiet --disable-pip-version-check --retries 1 --timeout 20 --requirement "$requirements" \
-        || skip "the packages of $requirements cannot be installed"
+        >"$venv/pip.log" 2>&1 || skip "the packages cannot be installed; $venv/pip.log says why"
     cp "$requirements" "$venv/requirements.txt"
 fi
 

@@ -1,4 +1,5 @@
 //! What one image, one avoidance map and one pose of the arm cost: `cargo bench -p world`.
+#![allow(clippy::unwrap_used)]
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
