@@ -79,6 +79,7 @@ def datasets_has_the_rows_that_pyarrow_has(folder):
 
 
 def datasets_streams(folder):
+    camera = folder.config["world"]["camera"]
     for split in folder.splits:
         streamed = opened(folder, split=split, streaming=True)
         same(f"features of {split}", dict(streamed.features), features_of_card(folder))
@@ -86,7 +87,7 @@ def datasets_streams(folder):
         for number, row in enumerate(islice(streamed, 5)):
             for name, value in row.items():
                 if isinstance(value, Image.Image):
-                    same(f"{name} of row {number}", list(value.size), [folder.config["world"]["camera"][s] for s in ("width", "height")])
+                    same(f"size of {name} of row {number}", value.size, (camera["width"], camera["height"]))
                 else:
                     same(f"{name} of row {number}", value, expected[number][name])
         same(f"rows of {split}", sum(1 for _ in streamed.remove_columns(folder.image_columns)), len(expected))
