@@ -1,0 +1,90 @@
+//! What the rows of the shipped datasets cost, in parts and as a whole: `cargo bench -p datagen`.
+#![allow(clippy::unwrap_used)]
+
+use datagen::range::stream;
+use datagen::{Collector, DatasetConfig, Options, Sampler, generate, png};
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use std::cell::Cell;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use world::Environment;
+
+fn main() {
+    divan::main();
+}
+
+const DATASETS: [&str; 4] = ["a", "b", "c", "avoid"];
+
+/// Rows of a dataset that is generated as a whole.
+const ROWS: u64 = 256;
+
+/// A file of `configs/datasets/` with the world that it extends.
+fn config(name: &str) -> DatasetConfig {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+    let read =
+        |file: &str| -> toml::Table { std::fs::read_to_string(configs.join(file)).unwrap().parse().unwrap() };
+    let mut table = read(&format!("datasets/{name}.toml"));
+    table.insert("world".to_owned(), read("world.toml").into());
+    DatasetConfig::from_table(table).unwrap()
+}
+
+/// 0, 1, 2, ... from one call to the next: rows differ in cost.
+fn counter() -> impl Fn() -> u64 {
+    let next = Cell::new(0);
+    move || next.replace(next.get() + 1)
+}
+
+/// The first image of Dataset C.
+fn image() -> Vec<u8> {
+    let config = config("c");
+    Collector::new(&config).unwrap().example(0).unwrap().images.swap_remove(0)
+}
+
+#[divan::bench]
+fn png_encode(bencher: Bencher) {
+    let image = png::decode(&image()).unwrap();
+    bencher.counter(ItemsCount::new(1_u32)).bench(|| png::encode(&image));
+}
+
+#[divan::bench]
+fn png_decode(bencher: Bencher) {
+    let bytes = image();
+    bencher.counter(ItemsCount::new(1_u32)).bench(|| png::decode(&bytes));
+}
+
+/// Scene and hand poses, drawn until they are acceptable. Images are drawn with them; here they have 64 x 48 pixels, which
+/// changes nothing of what is accepted.
+#[divan::bench(args = DATASETS)]
+fn placement(bencher: Bencher, name: &str) {
+    let mut config = config(name);
+    (config.world.camera.width, config.world.camera.height) = (64, 48);
+    let environment = Environment::new(&config.world).unwrap();
+    let DatasetConfig { target, obstacles, motions, rejection, .. } = &config;
+    let sampler = Sampler::new(&environment, target, obstacles, motions, rejection);
+    let index = counter();
+    let draw = || sampler.draw(&mut stream(config.seed, index()));
+    bencher.counter(ItemsCount::new(1_u32)).bench_local(draw);
+}
+
+/// A whole row in one thread.
+#[divan::bench(args = DATASETS)]
+fn example(bencher: Bencher, name: &str) {
+    let config = config(name);
+    let collector = Collector::new(&config).unwrap();
+    let index = counter();
+    bencher.counter(ItemsCount::new(1_u32)).bench_local(|| collector.example(index()));
+}
+
+/// A dataset on disk, with all threads.
+#[divan::bench(args = DATASETS, sample_count = 5)]
+fn dataset(bencher: Bencher, name: &str) {
+    let mut config = config(name);
+    config.count = ROWS;
+    let options = Options { stop: &AtomicBool::new(false) };
+    let made = |folder: tempfile::TempDir| generate(&config, folder.path(), &options, &|_| {}).unwrap();
+    bencher
+        .counter(ItemsCount::new(ROWS))
+        .with_inputs(|| tempfile::tempdir().unwrap())
+        .bench_local_values(made);
+}

@@ -1,0 +1,44 @@
+"""Checks dataset folders from outside: `tests/python/run.sh` makes them and runs this.
+
+Each check is a function of a folder; its name says what holds. `files.py` looks at names, Parquet, card and PNG, `tools.py`
+opens the folder with `datasets`, DuckDB and polars, `geometry.py` computes the numbers again.
+"""
+
+import sys
+import time
+import traceback
+
+import files
+import geometry
+import tools
+from folder import Folder, Unexpected
+
+
+def checks_of(folder):
+    for module in (files, tools, geometry):
+        names = module.CHECKS + getattr(module, "CHECKS_OF", {}).get(folder.kind, [])
+        yield from (getattr(module, name) for name in names)
+
+
+def main():
+    run = failed = 0
+    start = time.monotonic()
+    for path in sys.argv[1:]:
+        folder = Folder(path)
+        for check in checks_of(folder):
+            run += 1
+            try:
+                check(folder)
+            except Unexpected as unexpected:
+                failed += 1
+                print(f"FAILED {folder.kind}: {check.__name__}\n  {unexpected}")
+            except Exception:
+                failed += 1
+                print(f"FAILED {folder.kind}: {check.__name__}\n{traceback.format_exc()}")
+    seconds = time.monotonic() - start
+    print(f"{run - failed} of {run} checks of datasets from Python hold ({seconds:.0f} s)")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
