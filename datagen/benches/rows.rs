@@ -19,13 +19,15 @@ const DATASETS: [&str; 4] = ["a", "b", "c", "avoid"];
 /// Rows of a dataset that is generated as a whole.
 const ROWS: u64 = 256;
 
-/// A file of `configs/datasets/` with the world that it extends.
+/// A file of `configs/datasets/` with what it extends.
 fn config(name: &str) -> DatasetConfig {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
     let read =
         |file: &str| -> toml::Table { std::fs::read_to_string(configs.join(file)).unwrap().parse().unwrap() };
     let mut table = read(&format!("datasets/{name}.toml"));
-    table.insert("world".to_owned(), read("world.toml").into());
+    for extended in ["world", "randomization"] {
+        table.insert(extended.to_owned(), read(&format!("{extended}.toml")).into());
+    }
     DatasetConfig::from_table(table).unwrap()
 }
 
@@ -53,12 +55,10 @@ fn png_decode(bencher: Bencher) {
     bencher.counter(ItemsCount::new(1_u32)).bench(|| png::decode(&bytes));
 }
 
-/// Scene and hand poses, drawn until they are acceptable. Images are drawn with them; here they have 64 x 48 pixels, which
-/// changes nothing of what is accepted.
+/// Scene and hand poses, drawn until they are acceptable.
 #[divan::bench(args = DATASETS)]
 fn placement(bencher: Bencher, name: &str) {
-    let mut config = config(name);
-    (config.world.camera.width, config.world.camera.height) = (64, 48);
+    let config = config(name);
     let environment = Environment::new(&config.world).unwrap();
     let DatasetConfig { target, obstacles, motions, rejection, .. } = &config;
     let sampler = Sampler::new(&environment, target, obstacles, motions, rejection);
