@@ -1,6 +1,6 @@
 //! `flowservo dataset`: the same bytes however they are made, and what `info` and `verify` say of them.
 
-use crate::support::{Folder, repository};
+use crate::support::{Folder, Run, repository};
 use approx::assert_relative_eq;
 use datagen::row::Row;
 use datagen::{ApproachRow, AvoidanceRow, DatasetReader, SceneRow};
@@ -315,7 +315,7 @@ fn several_processes_in_one_folder_make_what_one_makes() {
             run.fails(1, &["another process is writing this file", "--shard I/N"]);
             refused += 1;
         }
-        assert!(runs.iter().any(|run| run.succeeded()), "{parts:?}");
+        assert!(runs.iter().any(Run::succeeded), "{parts:?}");
         let last = if round == 1 { format!("dataset finish {out}") } else { command(&out, "") };
         folder.run(&last).ok();
         folder.run(&format!("dataset verify {out}")).ok();

@@ -37,7 +37,9 @@ impl Earlier {
 
     /// Refuses what was left by another configuration, or by another version of flowservo.
     pub(crate) fn refuse_others(&self, config: &DatasetConfig, dir: &Path) -> Result<()> {
-        recipe::refuse_other(config, dir)?;
+        if self.info.is_none() {
+            recipe::refuse_other(config, dir)?;
+        }
         let described =
             self.info.iter().map(|info| (dir.join(crate::info::FILE_NAME), info.config_digest.as_str()));
         let recorded =

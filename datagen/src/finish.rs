@@ -23,7 +23,10 @@ pub struct Finished {
 /// Checks every file of a folder against its record, and writes what one machine would have written: card and
 /// `dataset.json`. Names all files that are missing, damaged, or of another configuration.
 pub fn finish(dir: &Path) -> Result<Finished> {
-    let config = recipe::read(dir)?.ok_or_else(|| Error::Incomplete { dir: dir.to_owned(), files: None })?;
+    let config = match DatasetInfo::read(dir) {
+        Ok(info) => info.config,
+        Err(_) => recipe::read(dir)?.ok_or_else(|| Error::Incomplete { dir: dir.to_owned(), files: None })?,
+    };
     config.validate()?;
     let earlier = Earlier::find(&config, dir)?;
     let shards = Shard::all(&config);

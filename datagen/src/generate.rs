@@ -85,7 +85,9 @@ fn make(
     let config = collector.config();
     let earlier = Earlier::find(config, out)?;
     earlier.refuse_others(config, out)?;
-    recipe::claim(config, out)?;
+    if earlier.info.is_none() {
+        recipe::claim(config, out)?;
+    }
     let data = out.join("data");
     std::fs::create_dir_all(&data).map_err(|source| io(&data, source))?;
     let found: Vec<_> = shards.par_iter().map(|shard| earlier.file(shard, out).ok()).collect();

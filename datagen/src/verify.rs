@@ -99,12 +99,14 @@ mod tests {
         fs::remove_file(path("data/train-00002-of-00004.parquet")).unwrap();
         fs::write(path("data/train-00000-of-00001.parquet"), "another").unwrap();
         fs::write(path("README.md"), "another").unwrap();
+        fs::write(path("config.toml"), "another").unwrap();
         let info = DatasetInfo::read(dir.path()).unwrap();
         let error = info.verify(dir.path()).unwrap_err().to_string();
         for line in [
             format!("\n  data/train-00000-of-00004.parquet: expected {size} bytes, found 5"),
             "\n  data/train-00002-of-00004.parquet: missing".to_owned(),
             "\n  README.md: expected SHA-256".to_owned(),
+            "\n  config.toml: expected SHA-256".to_owned(),
             "\n  data/train-00000-of-00001.parquet: does not belong to this dataset".to_owned(),
         ] {
             assert!(error.contains(&line), "{line} in {error}");
