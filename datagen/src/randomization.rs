@@ -160,7 +160,7 @@ mod tests {
             assert_eq!((a.placement.hands, a.placement.motion), (b.placement.hands, b.placement.motion));
             for (a, b) in a.placement.scene.bodies().zip(b.placement.scene.bodies()) {
                 assert_eq!((a.shape, a.robot_from_body), (b.shape, b.robot_from_body));
-                assert_ne!(a.material.color, b.material.color);
+                assert_ne!(a.material, b.material);
             }
             assert_ne!(a.images, b.images);
         }
@@ -269,7 +269,8 @@ mod tests {
 
     #[test]
     fn a_value_that_makes_no_picture_is_named() {
-        let refused = |change: fn(&mut RandomizationConfig)| {
+        type Change = fn(&mut RandomizationConfig);
+        let refused = |change: Change| {
             let mut config = config("a", 1);
             change(&mut config.randomization);
             config.validate().unwrap_err().to_string()
@@ -279,7 +280,7 @@ mod tests {
             low.contains("randomization.light.cone_deg = 64") && low.contains("above the table"),
             "{low}"
         );
-        let cases: [(fn(&mut RandomizationConfig), &str); 4] = [
+        let cases: [(Change, &str); 4] = [
             (|r| r.colors.cross = 1.5, "randomization.colors.cross = 1.5: expected 0 to 1"),
             (|r| r.texture.table.grain_mm = [0.0, 5.0], "randomization.texture.table.grain_mm = [0.0, 5.0]"),
             (|r| r.camera.blur = [2.0, 1.0], "randomization.camera.blur = [2.0, 1.0]"),
