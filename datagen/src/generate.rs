@@ -93,12 +93,14 @@ fn make(
     let found: Vec<_> = shards.par_iter().map(|shard| earlier.file(shard, out).ok()).collect();
     found.iter().flatten().for_each(|file| run.found(file));
     let missing = shards.iter().zip(&found).filter(|(_, file)| file.is_none()).map(|(shard, _)| shard);
-    let rows = missing.clone().flat_map(|shard| shard.rows.clone());
     // Rows are made across the ends of files, while this thread writes.
     let made: Result<Vec<_>> = in_order(
-        rows,
-        |row| collector.example(row),
-        |examples| missing.clone().map(|shard| shard.write(collector, out, examples, run)).collect(),
+        missing.clone().flat_map(Shard::batches),
+        |rows| rows.map(|row| collector.example(row)).collect::<Vec<_>>(),
+        |batches| {
+            let examples = &mut batches.flatten();
+            missing.clone().map(|shard| shard.write(collector, out, examples, run)).collect()
+        },
     );
     if let Err(Error::Example { .. }) = made {
         recipe::give_up(out)?;

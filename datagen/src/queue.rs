@@ -4,10 +4,10 @@ use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 
 /// Results that may wait to be taken, beside those that each thread is at: enough to go on while a file is flushed to the disk.
-const WAITING: usize = 192;
+const WAITING: usize = 24;
 
 /// Results for each thread that may wait: one that takes long holds up the others only when they are so far ahead.
-const WAITING_PER_THREAD: usize = 32;
+const WAITING_PER_THREAD: usize = 4;
 
 /// Makes something of every item, with as many threads as the current rayon pool has, and hands it on in the order of the items.
 ///

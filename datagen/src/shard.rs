@@ -23,6 +23,9 @@ use std::sync::Arc;
 /// Rows in a group: what is held in memory while writing, and what one thread reads.
 pub const ROWS_PER_GROUP: u64 = 128;
 
+/// Rows that a thread makes at a time.
+const ROWS_PER_BATCH: u64 = 8;
+
 /// Bytes of images in a page, unless one has more: what a reader has to fetch for one image.
 const IMAGE_PAGE: usize = 1 << 16;
 
@@ -61,6 +64,14 @@ impl Shard {
     /// Path of the file below the dataset's folder.
     pub fn path(&self) -> String {
         format!("data/{}.parquet", self.name)
+    }
+
+    /// Its rows as they are made: some at a time, since a thread that waits for each goes to sleep and wakes as often.
+    pub(crate) fn batches(&self) -> impl Iterator<Item = Range<u64>> + use<> {
+        let Range { start, end } = self.rows;
+        (start..end)
+            .step_by(ROWS_PER_BATCH as usize)
+            .map(move |start| start..(start + ROWS_PER_BATCH).min(end))
     }
 
     /// Writes the examples, a group at a time, and publishes the file, then its record.
