@@ -303,7 +303,9 @@ pub(crate) mod tests {
             std::fs::read_to_string(configs.join(file)).unwrap().parse().unwrap()
         };
         let mut config = table(&format!("datasets/{name}.toml"));
-        config.insert("world".to_owned(), table("world.toml").into());
+        for extended in ["world", "randomization"] {
+            config.insert(extended.to_owned(), table(&format!("{extended}.toml")).into());
+        }
         let mut config = DatasetConfig::from_table(config).unwrap();
         (config.count, config.rows_per_shard) = (4, 3);
         (config.world.camera.width, config.world.camera.height) = (64, 48);
