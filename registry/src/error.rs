@@ -20,9 +20,18 @@ pub enum Error {
         /// The name as given.
         name: String,
     },
+    /// The name of an alias breaks the rule for names of aliases.
+    #[error(
+        "`{name}` is not an alias: use 1 to 64 lower-case letters, digits, `-` and `_`, beginning with a letter; a \
+         version is written `NAME@7`"
+    )]
+    AliasName {
+        /// The name as given.
+        name: String,
+    },
     /// A model reference cannot be read.
     #[error(
-        "`{text}` is not a model reference: write `NAME`, `NAME@7` or `NAME@sha256:...` with all 64 digits"
+        "`{text}` is not a model reference: write `NAME`, `NAME@7`, `NAME:ALIAS` or `NAME@sha256:...` with all 64 digits"
     )]
     Reference {
         /// The reference as given.
@@ -98,6 +107,50 @@ pub enum Error {
         /// `approach@7`.
         newest: String,
     },
+    /// The model has no such alias.
+    #[error("{name}: no alias `{alias}`; its aliases are: {known}")]
+    NoAlias {
+        /// The model.
+        name: String,
+        /// The alias that was asked for.
+        alias: String,
+        /// The aliases that it has, separated by commas.
+        known: String,
+    },
+    /// There is no newest version.
+    #[error("{name}: every version is yanked; name one by its number to have it nevertheless, as {newest}")]
+    AllYanked {
+        /// The model.
+        name: String,
+        /// `approach@7`.
+        newest: String,
+    },
+    /// What was to be replaced is not what the caller expected.
+    #[error("{subject} is {}; nothing was changed", told(*found))]
+    Unexpected {
+        /// The alias, `approach:champion`.
+        subject: String,
+        /// Number of the version that it means.
+        found: Option<u64>,
+    },
+    /// An entry of a log cannot be written.
+    #[error("{subject}: the entry cannot be written: {reason}")]
+    Entry {
+        /// What the log is about, `approach:champion`.
+        subject: String,
+        /// What stands against it and what to do.
+        reason: String,
+    },
+    /// The configuration of a version cannot be compared.
+    #[error("{model}: {file} is not TOML: {reason}")]
+    Configuration {
+        /// `approach@3`.
+        model: String,
+        /// The file in the checkpoint.
+        file: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// The registry holds something else than what was published.
     #[error("{0}; restore the registry from a copy, or publish the checkpoint again")]
     Damaged(Box<Problem>),
@@ -138,6 +191,10 @@ impl Error {
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |source| Self::Io { action, path: path.to_owned(), source }
     }
+}
+
+fn told(version: Option<u64>) -> String {
+    version.map_or("no version".into(), |number| format!("version {number}"))
 }
 
 impl From<Problem> for Error {

@@ -7,6 +7,8 @@
 //! registry.json                              format of the registry, created once
 //! blobs/sha256/ab/abcdef...                  files, configurations and manifests, named by their digest
 //! models/<name>/versions/000007.json         manifest of version 7, created once: of two writers, one takes 8
+//! models/<name>/aliases/<alias>/000000012.json    what the alias means since its 12th change
+//! models/<name>/yanks/000003/000000001.json       that and why version 3 is yanked, or no longer
 //! ```
 //!
 //! Publishing writes blobs first and the numbered manifest last, so an interrupted publication leaves only blobs that no
@@ -17,11 +19,13 @@
 //! This crate knows files, not networks; it has no clock and no randomness.
 #![forbid(unsafe_code)]
 
+mod alias;
 mod checkpoint;
 mod digest;
 mod error;
 #[cfg(test)]
 mod fixture;
+mod log;
 mod manifest;
 mod name;
 mod problem;
@@ -31,9 +35,12 @@ mod reference;
 mod registry;
 mod store;
 mod verify;
+mod yank;
 
+pub use alias::AliasName;
 pub use digest::Digest;
 pub use error::{Error, Result};
+pub use log::{Entry, Expect, Remark, Target};
 pub use manifest::{Descriptor, Lineage, Manifest, Provenance};
 pub use name::ModelName;
 pub use problem::{Fault, Problem};

@@ -37,15 +37,16 @@ impl TryFrom<String> for ModelName {
     type Error = Error;
 
     fn try_from(name: String) -> Result<Self> {
-        let plain = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit();
-        let bytes = name.as_bytes();
-        let starts_plain = bytes.first().is_some_and(|&c| plain(c));
-        if starts_plain && bytes.len() <= 64 && bytes.iter().all(|&c| plain(c) || c == b'-' || c == b'_') {
-            Ok(Self(name))
-        } else {
-            Err(Error::Name { name })
-        }
+        if is_name(&name) { Ok(Self(name)) } else { Err(Error::Name { name }) }
     }
+}
+
+/// Whether `text` keeps the rule for names.
+pub(crate) fn is_name(text: &str) -> bool {
+    let plain = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit();
+    let bytes = text.as_bytes();
+    let starts_plain = bytes.first().is_some_and(|&c| plain(c));
+    starts_plain && bytes.len() <= 64 && bytes.iter().all(|&c| plain(c) || c == b'-' || c == b'_')
 }
 
 impl From<ModelName> for String {

@@ -1,4 +1,4 @@
-//! What is wrong with a published version: found by `verify`, and the reason why `pull` refuses.
+//! What is wrong with a published version, an alias or a yank: found by `verify`, and the reason why `pull` refuses.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use crate::digest::{Digest, Fingerprint};
 /// One object of the registry that is not what was published.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// The version that it spoils, `approach@3`; `None` where the object belongs to no version.
+    /// The version or alias that it spoils, `approach@3` or `approach:champion`; `None` where the object belongs to none.
     pub model: Option<String>,
     /// The checkpoint's file that it spoils; `None` where it is the manifest or the configuration.
     pub file: Option<String>,
@@ -44,14 +44,14 @@ pub enum Fault {
         /// Digest of what is there.
         found: Digest,
     },
-    /// The manifest is not among the blobs: it is not the one that was published, or its blob was lost.
+    /// The manifest or entry is not among the blobs: it is not the one that was published, or its blob was lost.
     #[error("was altered after publishing, or its copy among the blobs ({digest}) is lost")]
     Altered {
-        /// Digest of the manifest as it is now.
+        /// Digest of the manifest or entry as it is now.
         digest: Digest,
     },
-    /// The manifest cannot be understood.
-    #[error("is no manifest of this version: {reason}")]
+    /// The manifest or entry cannot be understood, or does not belong here.
+    #[error("is not what belongs here: {reason}")]
     Malformed {
         /// What is wrong with it.
         reason: String,

@@ -61,7 +61,8 @@ impl Registry {
             for number in examined + 1..=newest {
                 match self.load(name, number) {
                     Ok(version) if is_same(&version.manifest, &manifest) => {
-                        return Ok(Published::AlreadyThere(version));
+                        let yanked = self.yanked(name, number)?;
+                        return Ok(Published::AlreadyThere(ModelVersion { yanked, ..version }));
                     }
                     // A damaged version is no reason not to publish the next one.
                     Ok(_) | Err(Error::Damaged(_)) => {}
@@ -81,6 +82,7 @@ impl Registry {
                     version: number,
                     digest,
                     manifest,
+                    yanked: None,
                 }));
             }
             // Another process took the number: see whether it published the same, then try the next.

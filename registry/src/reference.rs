@@ -1,8 +1,9 @@
-//! How people name a version: `approach`, `approach@3`, `approach@sha256:...`.
+//! How people name a version: `approach`, `approach@3`, `approach@sha256:...`, `approach:champion`.
 
 use std::fmt;
 use std::str::FromStr;
 
+use crate::alias::AliasName;
 use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::name::ModelName;
@@ -17,23 +18,26 @@ pub struct ModelRef {
 }
 
 /// Which version of a model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Selector {
-    /// The one with the highest number, whichever that is when it is asked for.
+    /// The one with the highest number that is not yanked, whichever that is when it is asked for.
     Newest,
     /// The one with this number, from 1.
     Version(u64),
     /// The one whose manifest has this digest.
     Digest(Digest),
+    /// The one that this alias means when it is asked for.
+    Alias(AliasName),
 }
 
 impl fmt::Display for ModelRef {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.selector {
+        match &self.selector {
             Selector::Newest => write!(f, "{}", self.name),
             Selector::Version(number) => write!(f, "{}@{number}", self.name),
             Selector::Digest(digest) => write!(f, "{}@{digest}", self.name),
+            Selector::Alias(alias) => write!(f, "{}:{alias}", self.name),
         }
     }
 }
@@ -43,7 +47,10 @@ impl FromStr for ModelRef {
 
     fn from_str(text: &str) -> Result<Self> {
         let Some((name, version)) = text.split_once('@') else {
-            return Ok(Self { name: text.parse()?, selector: Selector::Newest });
+            let Some((name, alias)) = text.split_once(':') else {
+                return Ok(Self { name: text.parse()?, selector: Selector::Newest });
+            };
+            return Ok(Self { name: name.parse()?, selector: Selector::Alias(alias.parse()?) });
         };
         let selector = if let Ok(digest) = version.parse() {
             Selector::Digest(digest)
@@ -67,10 +74,11 @@ mod tests {
             ("approach".to_owned(), Selector::Newest),
             ("approach@3".to_owned(), Selector::Version(3)),
             (format!("approach@{digest}"), Selector::Digest(digest)),
+            ("approach:champion".to_owned(), Selector::Alias("champion".parse().unwrap())),
         ];
         for (text, selector) in cases {
             let reference: ModelRef = text.parse().unwrap();
-            assert_eq!((reference.name.as_str(), reference.selector), ("approach", selector));
+            assert_eq!((reference.name.as_str(), &reference.selector), ("approach", &selector));
             assert_eq!(reference.to_string(), text);
         }
         for bad in [
@@ -82,6 +90,12 @@ mod tests {
             "approach@1@2",
             "@3",
             "A@3",
+            "approach:",
+            "approach:3",
+            "approach:a@3",
+            "approach@3:a",
+            ":a",
+            "A:a",
         ] {
             assert!(bad.parse::<ModelRef>().is_err(), "{bad}");
         }

@@ -1,5 +1,6 @@
 //! A registry: opening it, listing what it holds, finding a version.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
 use std::path::Path;
@@ -8,8 +9,10 @@ use std::sync::Arc;
 use object_store::local::LocalFileSystem;
 use serde::{Deserialize, Serialize};
 
+use crate::alias::AliasName;
 use crate::digest::Digest;
 use crate::error::{Error, Result};
+use crate::log::Remark;
 use crate::manifest::Manifest;
 use crate::name::ModelName;
 use crate::problem::{Fault, Problem};
@@ -26,13 +29,17 @@ pub struct Registry {
     pub(crate) store: Store,
 }
 
-/// A model and the numbers of its versions.
+/// A model, the numbers of its versions, and what is said about them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Model {
     /// Its name.
     pub name: ModelName,
     /// The numbers of its versions, in rising order.
     pub versions: Vec<u64>,
+    /// The numbers of those that are yanked, in rising order.
+    pub yanked: Vec<u64>,
+    /// The numbers of those that have an alias.
+    pub aliases: BTreeMap<AliasName, u64>,
 }
 
 /// One published version, verified: its manifest is the one that was published.
@@ -47,6 +54,8 @@ pub struct ModelVersion {
     pub digest: Digest,
     /// Files, lineage and metrics.
     pub manifest: Manifest,
+    /// What was said when it was yanked, if it is: a caller tells it to the user.
+    pub yanked: Option<Remark>,
 }
 
 impl fmt::Display for ModelVersion {
@@ -112,13 +121,24 @@ impl Registry {
         )))
     }
 
-    /// All models and their version numbers, sorted by name. Reads no manifest: [`Registry::show`] does, one by one.
+    /// All models, their version numbers, aliases and yanked versions, sorted by name. Reads no manifest: [`Registry::show`] does,
+    /// one by one.
     pub fn list(&self) -> Result<Vec<Model>> {
         let mut models = Vec::new();
+        for (name, versions) in self.published()? {
+            let (yanked, aliases) = (self.yanked_versions(&name)?, self.aliases(&name)?);
+            models.push(Model { name, versions, yanked, aliases });
+        }
+        Ok(models)
+    }
+
+    /// The names of all models and the numbers of their versions.
+    fn published(&self) -> Result<BTreeMap<ModelName, Vec<u64>>> {
+        let mut models = BTreeMap::new();
         for name in self.store.list(MODELS)?.folders.into_iter().filter_map(|name| name.parse().ok()) {
             let versions = self.versions(&name)?;
             if !versions.is_empty() {
-                models.push(Model { name, versions });
+                models.insert(name, versions);
             }
         }
         Ok(models)
@@ -134,7 +154,9 @@ impl Registry {
 
     /// The version that `reference` names, with its manifest verified; its files are not read.
     pub fn show(&self, reference: &ModelRef) -> Result<ModelVersion> {
-        self.load(&reference.name, self.find(reference)?)
+        let version = self.load(&reference.name, self.find(reference)?)?;
+        let yanked = self.yanked(&version.name, version.version)?;
+        Ok(ModelVersion { yanked, ..version })
     }
 
     /// Number of the version that `reference` names.
@@ -142,14 +164,15 @@ impl Registry {
         let name = &reference.name;
         let versions = self.versions(name)?;
         let Some(&newest) = versions.last() else { return Err(self.no_model(name)?) };
-        let found = match reference.selector {
-            Selector::Newest => Some(newest),
-            Selector::Version(number) => versions.binary_search(&number).is_ok().then_some(number),
+        let found = match &reference.selector {
+            Selector::Newest => Some(self.newest(name, &versions)?),
+            Selector::Alias(alias) => Some(self.aliased(name, alias)?),
+            Selector::Version(number) => versions.binary_search(number).is_ok().then_some(*number),
             Selector::Digest(digest) => {
                 let mut found = None;
                 for &number in &versions {
                     let bytes = self.store.read(&version_key(name, number))?;
-                    if bytes.is_some_and(|bytes| Digest::of(&bytes) == digest) {
+                    if bytes.is_some_and(|bytes| Digest::of(&bytes) == *digest) {
                         found = Some(number);
                         break;
                     }
@@ -161,39 +184,57 @@ impl Registry {
         found.ok_or_else(|| Error::NoVersion { reference: reference.to_string(), newest })
     }
 
-    fn no_model(&self, name: &ModelName) -> Result<Error> {
-        let models = self.list()?;
-        let known = models.iter().map(|model| model.name.as_str()).collect::<Vec<_>>().join(", ");
+    /// The highest of `versions`, all those of `name`, that is not yanked.
+    fn newest(&self, name: &ModelName, versions: &[u64]) -> Result<u64> {
+        let yanked = self.yanked_versions(name)?;
+        let newest = versions.iter().rev().find(|number| !yanked.contains(number));
+        newest.copied().ok_or_else(|| {
+            let newest = format!("{name}@{}", versions.last().unwrap_or(&0));
+            Error::AllYanked { name: name.to_string(), newest }
+        })
+    }
+
+    pub(crate) fn no_model(&self, name: &ModelName) -> Result<Error> {
+        let models = self.published()?;
+        let known = models.keys().map(ModelName::as_str).collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "none".to_owned() } else { known };
         Ok(Error::NoModel { root: self.store.root().to_owned(), name: name.to_string(), known })
     }
 
     /// Version `number` of `name`; [`Error::Damaged`] if its manifest is not the one that was published.
     pub(crate) fn load(&self, name: &ModelName, number: u64) -> Result<ModelVersion> {
-        let key = version_key(name, number);
-        let problem = |object: String, fault| Problem {
-            model: Some(format!("{name}@{number}")),
-            file: None,
-            object,
-            fault,
+        let (model, object) = (format!("{name}@{number}"), version_key(name, number));
+        let (bytes, digest) = self.proven(&model, &object)?;
+        match Manifest::parse(&bytes, name, number) {
+            Ok(manifest) => {
+                Ok(ModelVersion { name: name.clone(), version: number, digest, manifest, yanked: None })
+            }
+            Err(reason) => {
+                let fault = Fault::Malformed { reason };
+                Err(Problem { model: Some(model), file: None, object, fault }.into())
+            }
+        }
+    }
+
+    /// The numbered object `key`, which is about `subject`, and its digest, proven by its copy among the blobs.
+    pub(crate) fn proven(&self, subject: &str, key: &str) -> Result<(Vec<u8>, Digest)> {
+        let problem = |object: &str, fault| -> Error {
+            Problem { model: Some(subject.to_owned()), file: None, object: object.to_owned(), fault }.into()
         };
-        let Some(bytes) = self.store.read(&key)? else { return Err(problem(key, Fault::Missing).into()) };
+        let Some(bytes) = self.store.read(key)? else { return Err(problem(key, Fault::Missing)) };
         if bytes.len() as u64 > DOCUMENT_LIMIT {
             let reason = format!("it has more than {DOCUMENT_LIMIT} bytes");
-            return Err(problem(key, Fault::Malformed { reason }).into());
+            return Err(problem(key, Fault::Malformed { reason }));
         }
         let digest = Digest::of(&bytes);
         match self.store.inspect_blob(digest)? {
-            None => return Err(problem(key, Fault::Altered { digest }).into()),
+            None => Err(problem(key, Fault::Altered { digest })),
             Some(found) if found.digest != digest => {
                 let fault = Fault::Digest { expected: digest, found: found.digest };
-                return Err(problem(blob_key(digest), fault).into());
+                Err(problem(&blob_key(digest), fault))
             }
-            Some(_) => {}
+            Some(_) => Ok((bytes, digest)),
         }
-        let manifest = Manifest::parse(&bytes, name, number)
-            .map_err(|reason| problem(key, Fault::Malformed { reason }))?;
-        Ok(ModelVersion { name: name.clone(), version: number, digest, manifest })
     }
 }
 

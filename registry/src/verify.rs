@@ -1,17 +1,20 @@
-//! Verification: everything that a version needs is there and is what was published.
+//! Verification: everything that a version needs is there and is what was published, and so is what was said about it.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::alias::{AliasName, alias_log, aliases_key};
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
+use crate::log::{Entry, Log, broken_chain, entry_number};
 use crate::manifest::Descriptor;
 use crate::name::ModelName;
 use crate::problem::{Fault, Problem};
 use crate::reference::ModelRef;
 use crate::registry::{Registry, version_number};
 use crate::store::{MODELS, blob_key, version_key, versions_key};
+use crate::yank::{yank_log, yanked_number, yanks_key};
 
 /// What verification found.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -21,24 +24,44 @@ pub struct Verification {
     pub versions: usize,
     /// How many different blobs of theirs were read.
     pub blobs: usize,
+    /// How many entries about aliases and yanked versions were verified.
+    pub entries: usize,
     /// What is wrong, by model, version and file; empty if all is well.
     pub problems: Vec<Problem>,
 }
 
 impl Registry {
-    /// Reads every byte of the version that `reference` names, or of all versions, and says what is not as published. A
-    /// number that is missing below the newest is a problem too: versions are never removed.
+    /// Reads every byte of the version that `reference` names, or of all versions, their aliases and yanks, and says what is not
+    /// as published. A number that is missing below the newest is a problem too: versions and entries are never removed.
     ///
     /// Blobs that no version names are no problem: an interrupted publication leaves them.
     pub fn verify(&self, reference: Option<&ModelRef>) -> Result<Verification> {
         let mut run = Run { registry: self, stored: BTreeMap::new(), result: Verification::default() };
         match reference {
-            Some(reference) => run.version(&reference.name, self.find(reference)?),
+            Some(reference) => {
+                run.version(&reference.name, self.find(reference)?);
+            }
             None => run.everything()?,
         }
         run.result.blobs = run.stored.len();
         Ok(run.result)
     }
+}
+
+/// The versions of a model by number, with the digest of their manifest where it is intact.
+type Versions = BTreeMap<u64, Option<Digest>>;
+
+/// What is wrong with `entry` if it means none of `versions`.
+fn misled(entry: &Entry, versions: &Versions) -> Option<Fault> {
+    let target = entry.target?;
+    let reason = match versions.get(&target.version) {
+        None => format!("it means version {}, which it cannot", target.version),
+        Some(Some(digest)) if *digest != target.digest => {
+            format!("it means version {} with digest {}, which has {digest}", target.version, target.digest)
+        }
+        Some(_) => return None,
+    };
+    Some(Fault::Malformed { reason })
 }
 
 /// A verification in progress.
@@ -70,13 +93,77 @@ impl Run<'_> {
             self.stray(format!("{}/{object}", versions_key(name)));
         }
         let newest = objects.iter().filter_map(|object| version_number(object)).max().unwrap_or(0);
-        for number in 1..=newest {
-            self.version(name, number);
+        let versions = (1..=newest).map(|number| (number, self.version(name, number))).collect();
+        self.aliases(name, &versions)?;
+        self.yanks(name, &versions)
+    }
+
+    fn aliases(&mut self, name: &ModelName, versions: &Versions) -> Result<()> {
+        for folder in self.folders(&aliases_key(name))? {
+            match folder.parse::<AliasName>() {
+                Ok(alias) => self.log(&alias_log(name, &alias), versions)?,
+                Err(_) => self.stray(format!("{}/{folder}", aliases_key(name))),
+            }
         }
         Ok(())
     }
 
-    fn version(&mut self, name: &ModelName, number: u64) {
+    fn yanks(&mut self, name: &ModelName, versions: &Versions) -> Result<()> {
+        for folder in self.folders(&yanks_key(name))? {
+            match yanked_number(&folder) {
+                Some(number) => {
+                    // The only version that these entries can mean.
+                    let own = versions.range(number..=number).map(|(&n, &digest)| (n, digest)).collect();
+                    self.log(&yank_log(name, number), &own)?;
+                }
+                None => self.stray(format!("{}/{folder}", yanks_key(name))),
+            }
+        }
+        Ok(())
+    }
+
+    /// The folders in `key`, in which nothing else has a place.
+    fn folders(&mut self, key: &str) -> Result<Vec<String>> {
+        let listing = self.registry.store.list(key)?;
+        for object in listing.objects {
+            self.stray(format!("{key}/{object}"));
+        }
+        Ok(listing.folders)
+    }
+
+    /// Verifies all entries of a log: that they are what was written, follow each other, and mean some of `versions`.
+    fn log(&mut self, log: &Log, versions: &Versions) -> Result<()> {
+        let objects = self.registry.store.list(&log.folder)?.objects;
+        for object in objects.iter().filter(|object| entry_number(object).is_none()) {
+            self.stray(format!("{}/{object}", log.folder));
+        }
+        let last = objects.iter().filter_map(|object| entry_number(object)).max().unwrap_or(0);
+        // Digest of the entry before; unknown where that one is damaged.
+        let mut previous = Some(None);
+        for number in 1..=last {
+            self.result.entries += 1;
+            let fault = match self.registry.entry(log, number) {
+                Ok((entry, digest)) => {
+                    let broken = previous.and_then(|previous| broken_chain(&entry, previous));
+                    previous = Some(Some(digest));
+                    broken.or_else(|| misled(&entry, versions))
+                }
+                Err(error) => {
+                    previous = None;
+                    if let Error::Damaged(problem) = error {
+                        self.result.problems.push(*problem);
+                        continue;
+                    }
+                    Some(Fault::Unreadable { reason: error.to_string() })
+                }
+            };
+            self.result.problems.extend(fault.map(|fault| log.problem(number, fault)));
+        }
+        Ok(())
+    }
+
+    /// Verifies a version and returns the digest of its manifest, if that is intact.
+    fn version(&mut self, name: &ModelName, number: u64) -> Option<Digest> {
         self.result.versions += 1;
         match self.registry.load(name, number) {
             Ok(version) => {
@@ -84,6 +171,7 @@ impl Run<'_> {
                 for layer in &version.manifest.layers {
                     self.blob(&version.to_string(), layer);
                 }
+                return Some(version.digest);
             }
             Err(Error::Damaged(problem)) => self.result.problems.push(*problem),
             Err(error) => {
@@ -92,6 +180,7 @@ impl Run<'_> {
                 self.result.problems.push(Problem { model, file: None, object, fault });
             }
         }
+        None
     }
 
     fn blob(&mut self, model: &str, descriptor: &Descriptor) {
@@ -121,6 +210,7 @@ mod tests {
 
     use super::*;
     use crate::fixture::{Place, flip};
+    use crate::log::{Expect, Remark};
     use crate::registry::ModelVersion;
 
     /// A registry with two versions of `approach` that share all blobs but the weights, the second one returned.
@@ -140,7 +230,7 @@ mod tests {
         for place in Place::all() {
             let (registry, _) = two_versions(&place);
             // Two configurations and weights; config.toml and state/step.json are shared.
-            let expected = Verification { versions: 2, blobs: 6, problems: vec![] };
+            let expected = Verification { versions: 2, blobs: 6, entries: 0, problems: vec![] };
             assert_eq!(registry.verify(None).unwrap(), expected);
             let one = registry.verify(Some(&"approach@1".parse().unwrap())).unwrap();
             assert_eq!((one.versions, one.blobs, one.problems.len()), (1, 4, 0));
@@ -221,6 +311,88 @@ mod tests {
             assert!(registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).is_err());
             assert!(!place.path("pulled").exists());
         }
+    }
+
+    /// Two versions with an alias and a yanked one, four entries in all.
+    fn with_entries(place: &Place) -> (Registry, ModelVersion) {
+        let (registry, second) = two_versions(place);
+        let first = registry.load(&second.name, 1).unwrap();
+        let champion = "champion".parse().unwrap();
+        for version in [&first, &second] {
+            registry.set_alias(&champion, version, Expect::Anything, &Remark::default()).unwrap();
+        }
+        registry.yank(&first, &Remark::default()).unwrap();
+        registry.unyank(&first, &Remark::default()).unwrap();
+        (registry, second)
+    }
+
+    const ALIAS: &str = "models/approach/aliases/champion";
+    const YANK: &str = "models/approach/yanks/000001";
+
+    #[test]
+    fn a_flipped_bit_in_an_entry_or_its_copy_is_found() {
+        let place = Place::local();
+        let (registry, _) = with_entries(&place);
+        let found = registry.verify(None).unwrap();
+        assert_eq!((found.entries, found.problems.len()), (4, 0), "{found:?}");
+        let root = place.path("registry");
+        for folder in [ALIAS, YANK] {
+            for number in 1..=2 {
+                let key = format!("{folder}/{number:09}.json");
+                let intact = fs::read(root.join(&key)).unwrap();
+                for position in 0..intact.len() {
+                    let mut damaged = intact.clone();
+                    damaged[position] ^= 1 << (position % 8);
+                    fs::write(root.join(&key), damaged).unwrap();
+                    let problems = registry.verify(None).unwrap().problems;
+                    assert_eq!(problems.len(), 1, "{problems:?}");
+                    assert!(problems[0].object == key && matches!(problems[0].fault, Fault::Altered { .. }));
+                }
+                fs::write(root.join(&key), &intact).unwrap();
+                let copy = blob_key(Digest::of(&intact));
+                flip(&root, &copy);
+                assert_eq!(registry.verify(None).unwrap().problems[0].object, copy);
+                flip(&root, &copy);
+            }
+        }
+        assert!(registry.verify(None).unwrap().problems.is_empty());
+    }
+
+    #[test]
+    fn holes_strays_and_entries_that_mean_nothing_are_found() {
+        let place = Place::local();
+        let (registry, mut second) = with_entries(&place);
+        let root = place.path("registry");
+        fs::write(root.join("models/approach/aliases/current"), "").unwrap();
+        fs::create_dir_all(root.join("models/approach/aliases/3")).unwrap();
+        fs::write(root.join(format!("{ALIAS}/12.json")), "").unwrap();
+        fs::remove_file(root.join(format!("{ALIAS}/000000001.json"))).unwrap();
+        fs::create_dir_all(root.join("models/approach/yanks/7")).unwrap();
+        let found: Vec<_> =
+            registry.verify(None).unwrap().problems.into_iter().map(|p| (p.object, p.fault)).collect();
+        let stray = |key: &str| (format!("models/approach/{key}"), Fault::Stray);
+        let expected = [
+            stray("aliases/current"),
+            stray("aliases/3"),
+            stray("aliases/champion/12.json"),
+            (format!("{ALIAS}/000000001.json"), Fault::Missing),
+            stray("yanks/7"),
+        ];
+        assert_eq!(found, expected);
+
+        // A version that is not there, and one that has another digest.
+        let place = Place::local();
+        let (registry, _) = with_entries(&place);
+        second.digest = Digest::of(b"another");
+        registry.set_alias(&"other".parse().unwrap(), &second, Expect::Anything, &Remark::default()).unwrap();
+        second.version = 9;
+        registry.set_alias(&"gone".parse().unwrap(), &second, Expect::Anything, &Remark::default()).unwrap();
+        registry.yank(&second, &Remark::default()).unwrap();
+        let told: Vec<_> = registry.verify(None).unwrap().problems.iter().map(ToString::to_string).collect();
+        assert_eq!(told.len(), 3, "{told:?}");
+        assert!(told[0].starts_with("approach:gone: ") && told[0].contains("version 9"), "{told:?}");
+        assert!(told[1].starts_with("approach:other: ") && told[1].contains("digest"), "{told:?}");
+        assert!(told[2].starts_with("approach@9: "), "{told:?}");
     }
 
     #[test]
