@@ -21,10 +21,12 @@
 
 mod alias;
 mod checkpoint;
+mod diff;
 mod digest;
 mod error;
 #[cfg(test)]
 mod fixture;
+mod gc;
 mod log;
 mod manifest;
 mod name;
@@ -38,8 +40,10 @@ mod verify;
 mod yank;
 
 pub use alias::AliasName;
+pub use diff::{Change, Difference};
 pub use digest::Digest;
 pub use error::{Error, Result};
+pub use gc::{GRACE, Garbage};
 pub use log::{Entry, Expect, Remark, Target};
 pub use manifest::{Descriptor, Lineage, Manifest, Provenance};
 pub use name::ModelName;

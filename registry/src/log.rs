@@ -236,12 +236,16 @@ mod tests {
         Log { subject: "approach:champion".into(), folder: "models/approach/aliases/champion".into() }
     }
 
-    fn target(version: u64) -> Option<Target> {
-        Some(Target { version, digest: Digest::of(&version.to_le_bytes()) })
+    fn target(version: u64) -> Target {
+        Target { version, digest: Digest::of(&version.to_le_bytes()) }
     }
 
-    fn write(registry: &Registry, version: Option<Target>, expect: Expect) -> Result<Option<Entry>> {
-        registry.append(&log(), version, expect, &Remark::default())
+    fn write(
+        registry: &Registry,
+        version: impl Into<Option<Target>>,
+        expect: Expect,
+    ) -> Result<Option<Entry>> {
+        registry.append(&log(), version.into(), expect, &Remark::default())
     }
 
     #[test]
@@ -249,17 +253,17 @@ mod tests {
         for place in Place::all() {
             let registry = place.registry();
             assert_eq!(registry.current(&log()).unwrap(), None);
-            assert_eq!(write(&registry, None, Expect::Anything).unwrap(), None, "nothing to end");
+            assert_eq!(write(&registry, None::<Target>, Expect::Anything).unwrap(), None, "nothing to end");
             assert_eq!(write(&registry, target(1), Expect::Anything).unwrap().unwrap().number, 1);
             assert_eq!(write(&registry, target(1), Expect::Anything).unwrap(), None, "holds already");
             let remark = Remark { reason: Some("it won".into()), ..Remark::default() };
-            registry.append(&log(), target(2), Expect::Version(1), &remark).unwrap();
-            assert_eq!(registry.current(&log()).unwrap(), Some((target(2).unwrap(), remark)));
-            write(&registry, None, Expect::Anything).unwrap();
+            registry.append(&log(), Some(target(2)), Expect::Version(1), &remark).unwrap();
+            assert_eq!(registry.current(&log()).unwrap(), Some((target(2), remark)));
+            write(&registry, None::<Target>, Expect::Anything).unwrap();
             assert_eq!(registry.current(&log()).unwrap(), None);
             let told: Vec<_> =
                 registry.history(&log()).unwrap().iter().map(|e| (e.number, e.target)).collect();
-            assert_eq!(told, [(1, target(1)), (2, target(2)), (3, None)]);
+            assert_eq!(told, [(1, Some(target(1))), (2, Some(target(2))), (3, None)]);
         }
     }
 
@@ -332,7 +336,7 @@ mod tests {
 
         // Another entry 2, correctly stored: only the digest in entry 3 tells.
         let (mut other, _) = registry.entry(&log(), 2).unwrap();
-        other.target = target(7);
+        other.target = Some(target(7));
         let bytes = encode(&other).unwrap();
         registry.store.put_blob(Digest::of(&bytes), bytes.clone()).unwrap();
         fs::write(path(2), bytes).unwrap();

@@ -5,8 +5,9 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::checkpoint::{self, CheckpointFile};
-use crate::digest::Digest;
+use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
+use crate::gc::References;
 use crate::manifest::{Descriptor, Manifest, Provenance, model_config};
 use crate::name::ModelName;
 use crate::registry::{ModelVersion, Registry};
@@ -45,10 +46,11 @@ impl Registry {
         let unwritable =
             |error: serde_json::Error| Error::Version { model: name.to_string(), reason: error.to_string() };
         let config = model_config(name, &layers).map_err(unwritable)?;
+        let mut references = None;
         for file in &files {
-            self.keep_file(file)?;
+            self.keep_file(file, &mut references)?;
         }
-        self.keep_document(&config)?;
+        self.keep_config(&config, &mut references)?;
         self.number(name, Manifest::new(name, &config, layers, provenance))
     }
 
@@ -75,7 +77,7 @@ impl Registry {
             let bytes = encode(&manifest, number)
                 .map_err(|reason| Error::Version { model: format!("{name}@{number}"), reason })?;
             let digest = Digest::of(&bytes);
-            self.keep_document(&bytes)?;
+            self.store.put_blob(digest, bytes.clone())?;
             if self.store.create(&version_key(name, number), bytes)? {
                 return Ok(Published::New(ModelVersion {
                     name: name.clone(),
@@ -90,24 +92,35 @@ impl Registry {
         }
     }
 
-    /// Stores a checkpoint's file as a blob, unless it is there and intact.
-    fn keep_file(&self, file: &CheckpointFile) -> Result<()> {
-        if self.store.inspect_blob(file.content.digest)? == Some(file.content)
-            || self.store.put_file(file.content, &file.source)?
-        {
+    /// Whether a blob need not be written: it is intact, and no garbage that might be deleted before a manifest names it.
+    /// `references` are read when the first blob is met that is there.
+    fn is_kept(&self, content: Fingerprint, references: &mut Option<References>) -> Result<bool> {
+        if self.store.inspect_blob(content.digest)? != Some(content) {
+            return Ok(false);
+        }
+        let known = match references {
+            Some(known) => known,
+            None => references.insert(References::of(&self.store)?),
+        };
+        Ok(known.names(content.digest))
+    }
+
+    /// Stores a checkpoint's file as a blob, unless it is kept.
+    fn keep_file(&self, file: &CheckpointFile, references: &mut Option<References>) -> Result<()> {
+        if self.is_kept(file.content, references)? || self.store.put_file(file.content, &file.source)? {
             return Ok(());
         }
         let reason = "the file changed while it was published; publish again when it is complete".to_owned();
         Err(Error::Checkpoint { path: file.source.clone(), reason })
     }
 
-    /// Stores a small document as a blob, unless it is there and intact.
-    fn keep_document(&self, bytes: &[u8]) -> Result<()> {
-        let digest = Digest::of(bytes);
-        if self.store.inspect_blob(digest)?.is_some_and(|found| found.digest == digest) {
+    /// Stores a version's configuration as a blob, unless it is kept.
+    fn keep_config(&self, bytes: &[u8], references: &mut Option<References>) -> Result<()> {
+        let content = Fingerprint { digest: Digest::of(bytes), size: bytes.len() as u64 };
+        if self.is_kept(content, references)? {
             return Ok(());
         }
-        self.store.put_blob(digest, bytes.to_vec())
+        self.store.put_blob(content.digest, bytes.to_vec())
     }
 }
 

@@ -245,7 +245,7 @@ fn local(root: &Path) -> Result<Store> {
         place: place.clone(),
         source,
     })?;
-    Ok(Store::new(Arc::new(objects.with_fsync(true)), place))
+    Ok(Store::new(Arc::new(objects.with_fsync(true)), place).in_folder(root))
 }
 
 /// Number in the name of a numbered manifest, `000007.json`.

@@ -4,11 +4,12 @@
 
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use object_store::path::Path as Key;
-use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutMode};
+use object_store::{MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode};
 use pollster::block_on;
 
 use crate::digest::{Digest, Fingerprint, Hasher};
@@ -24,13 +25,16 @@ pub(crate) const LAST_VERSION: u64 = 999_999;
 /// Bytes in memory at a time. Object stores want equal parts of at least 5 MiB.
 const PART: usize = 8 << 20;
 
+/// Folder of all blobs.
+pub(crate) const BLOBS: &str = "blobs";
+
 /// Folder of all models.
 pub(crate) const MODELS: &str = "models";
 
 /// Key of the blob with this digest.
 pub(crate) fn blob_key(digest: Digest) -> String {
     let hex = digest.hex();
-    format!("blobs/sha256/{}/{hex}", &hex[..2])
+    format!("{BLOBS}/sha256/{}/{hex}", &hex[..2])
 }
 
 /// Folder of the numbered manifests of `name`.
@@ -50,17 +54,44 @@ pub(crate) struct Listing {
     pub(crate) objects: Vec<String>,
 }
 
+/// What the store knows about an object without reading it.
+#[derive(Debug)]
+pub(crate) struct Object {
+    pub(crate) key: String,
+    pub(crate) size: u64,
+    /// When it was written, by the store's clock.
+    pub(crate) modified: SystemTime,
+}
+
+impl From<ObjectMeta> for Object {
+    fn from(meta: ObjectMeta) -> Self {
+        Self { key: meta.location.into(), size: meta.size, modified: meta.last_modified.into() }
+    }
+}
+
 /// A store in which each object is written once.
 #[derive(Debug, Clone)]
 pub(crate) struct Store {
     objects: Arc<dyn ObjectStore>,
     /// Where the store is, for messages.
     root: String,
+    /// Its folder, if it is one.
+    folder: Option<PathBuf>,
 }
 
 impl Store {
     pub(crate) fn new(objects: Arc<dyn ObjectStore>, root: String) -> Self {
-        Self { objects, root }
+        Self { objects, root, folder: None }
+    }
+
+    /// Says that the store is the local folder `folder`.
+    pub(crate) fn in_folder(self, folder: &Path) -> Self {
+        Self { folder: Some(folder.to_owned()), ..self }
+    }
+
+    /// The local folder that the store is, if it is one.
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        self.folder.as_deref()
     }
 
     /// Where the store is, for messages.
@@ -190,6 +221,33 @@ impl Store {
         listing.folders.sort();
         listing.objects.sort();
         Ok(listing)
+    }
+
+    /// All objects below the folder `prefix`.
+    pub(crate) fn walk(&self, prefix: &str) -> Result<Vec<Object>> {
+        let mut found = Vec::new();
+        let mut folders = vec![Key::from(prefix)];
+        while let Some(folder) = folders.pop() {
+            let result = block_on(self.objects.list_with_delimiter(Some(&folder)))
+                .map_err(self.error("list", folder.as_ref()))?;
+            folders.extend(result.common_prefixes);
+            found.extend(result.objects.into_iter().map(Object::from));
+        }
+        Ok(found)
+    }
+
+    /// What the store knows about the object `key`; none if there is none.
+    pub(crate) fn object(&self, key: &str) -> Result<Option<Object>> {
+        match block_on(self.objects.head(&Key::from(key))) {
+            Ok(meta) => Ok(Some(meta.into())),
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
+            Err(source) => Err(self.error("read", key)(source)),
+        }
+    }
+
+    /// Deletes an object: only garbage is ever deleted.
+    pub(crate) fn delete(&self, key: &str) -> Result<()> {
+        block_on(self.objects.delete(&Key::from(key))).map_err(self.error("delete", key))
     }
 
     fn error(&self, action: &'static str, key: &str) -> impl FnOnce(object_store::Error) -> Error {

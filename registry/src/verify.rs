@@ -340,7 +340,7 @@ mod tests {
             for number in 1..=2 {
                 let key = format!("{folder}/{number:09}.json");
                 let intact = fs::read(root.join(&key)).unwrap();
-                for position in 0..intact.len() {
+                for position in (0..intact.len()).step_by(5) {
                     let mut damaged = intact.clone();
                     damaged[position] ^= 1 << (position % 8);
                     fs::write(root.join(&key), damaged).unwrap();

@@ -66,6 +66,7 @@ mod tests {
     use super::*;
     use crate::error::Error;
     use crate::fixture::{Place, model};
+    use crate::manifest::Provenance;
 
     #[test]
     fn a_yanked_version_is_not_the_newest_but_is_still_there() {
@@ -108,7 +109,7 @@ mod tests {
         let version = place.publish(&registry, "approach", b"one");
         registry.yank(&version, &Remark::default()).unwrap();
         let checkpoint = place.checkpoint("checkpoint", b"one");
-        let again = registry.publish(&version.name, &checkpoint, Default::default()).unwrap();
+        let again = registry.publish(&version.name, &checkpoint, Provenance::default()).unwrap();
         assert_eq!(again.version().yanked, Some(Remark::default()));
     }
 
