@@ -1,9 +1,13 @@
 //! The command line.
 
+mod model;
+
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use datagen::Part;
 use std::path::PathBuf;
+
+pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
 
 /// Learned visual servoing in virtual environments: datasets, networks, servo sessions, and the paper's tables.
 #[derive(Debug, Parser)]
@@ -38,7 +42,7 @@ pub(crate) enum Command {
     #[command(after_help = "Example: flowservo eval configs/eval/table1.toml --approach runs/approach/best \
                             --avoid avoid@1 --out runs/table1")]
     Eval(Eval),
-    /// Publish, list, show, pull and verify versioned model checkpoints.
+    /// Publish, compare, name, pull and verify versioned model checkpoints.
     #[command(subcommand)]
     Model(Model),
 }
@@ -195,10 +199,10 @@ pub(crate) struct Eval {
     /// The evaluation's configuration.
     #[command(flatten)]
     pub(crate) config: ConfigArgs,
-    /// `CNN_approach` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, or oracle.
+    /// `CNN_approach` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, NAME:ALIAS, or oracle.
     #[arg(long, value_name = "MODEL")]
     pub(crate) approach: Option<String>,
-    /// `CNN_avoid` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, or oracle.
+    /// `CNN_avoid` in the place of the configuration's: a checkpoint's folder, NAME@VERSION, NAME:ALIAS, or oracle.
     #[arg(long, value_name = "MODEL")]
     pub(crate) avoid: Option<String>,
     /// Folder for tables and sessions.
@@ -244,7 +248,7 @@ pub(crate) enum Model {
     /// Show a version: files, lineage, metrics.
     #[command(after_help = "Example: flowservo model show approach@1")]
     Show {
-        /// NAME, NAME@VERSION or NAME@sha256:DIGEST.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
         model: String,
         /// The registry.
         #[command(flatten)]
@@ -253,7 +257,7 @@ pub(crate) enum Model {
     /// Copy a version out of the registry, with every digest checked.
     #[command(after_help = "Example: flowservo model pull approach@1 --out runs/pulled")]
     Pull {
-        /// NAME, NAME@VERSION or NAME@sha256:DIGEST.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
         model: String,
         /// Folder to write.
         #[arg(long)]
@@ -265,8 +269,36 @@ pub(crate) enum Model {
     /// Check every file of a model, or of the whole registry, against its digest.
     #[command(after_help = "Example: flowservo model verify")]
     Verify {
-        /// NAME, NAME@VERSION or NAME@sha256:DIGEST; everything by default.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST; everything by default.
         model: Option<String>,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// Give a version a name that can move: set an alias, show its history, end it, or list all.
+    #[command(after_help = "Examples:\n  \
+                            flowservo model alias approach champion 3 --reason \"best on Table 1\"\n  \
+                            flowservo model alias approach champion\n  \
+                            flowservo model alias approach champion 4 --expect 3\n  \
+                            flowservo model alias approach champion --remove\n  \
+                            flowservo model alias approach\n\n\
+                            Any command that takes a model then takes approach:champion.")]
+    Alias(AliasArgs),
+    /// Say that a version should not be used any more. It is not deleted, but no longer the newest.
+    #[command(after_help = "Examples:\n  \
+                            flowservo model yank approach@3 --reason \"trained on the test set\"\n  \
+                            flowservo model yank approach@3 --undo")]
+    Yank(Yank),
+    /// Show the files that nothing needs any more, left by what was interrupted, and delete them if asked to.
+    #[command(after_help = "Example: flowservo model gc --delete")]
+    Gc(Gc),
+    /// Show what two versions differ in: configuration, metrics, lineage, files.
+    #[command(after_help = "Example: flowservo model diff approach@2 approach@3")]
+    Diff {
+        /// The first version: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
+        from: String,
+        /// The second version.
+        to: String,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,

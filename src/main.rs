@@ -5,6 +5,7 @@
 #![recursion_limit = "256"]
 
 mod cli;
+mod clock;
 mod commands;
 mod config;
 mod device;

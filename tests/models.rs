@@ -1,4 +1,4 @@
-//! `flowservo model`: publish, list, show, pull, verify.
+//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff.
 
 use crate::support::Folder;
 
@@ -68,4 +68,118 @@ fn names_that_are_none_are_refused() {
     folder.run("model show avoid@7").fails(1, &["avoid@7"]);
     folder.run("model show avoid@x").fails(2, &["avoid@x"]);
     folder.run("model publish nowhere avoid").fails(1, &["nowhere/model.json"]);
+}
+
+/// A folder with a registry that has two versions of `avoid`.
+fn two_versions() -> Folder {
+    let folder = Folder::new();
+    for name in ["first", "second"] {
+        checkpoint(&folder, name, name);
+        folder.run(&format!("model publish {name} avoid")).ok();
+    }
+    folder
+}
+
+#[test]
+fn aliases_move_and_end_and_their_history_stays() {
+    let folder = two_versions();
+    let set = folder.run("model alias avoid champion 2 --reason wins --by ann --json").ok();
+    assert!(set.stdout().contains("avoid:champion is avoid@2 from now on"), "{}", set.stdout());
+    assert_eq!(set.json()["changed"], true);
+    assert_eq!(folder.run("model alias avoid champion 2 --json").ok().json()["changed"], false);
+    folder.run("model alias avoid champion 1 --expect 1").fails(1, &["avoid:champion is version 2"]);
+    folder.run("model alias avoid champion 1 --expect 2").ok();
+    folder.run("model pull avoid:champion --out pulled").ok();
+    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "first");
+    assert!(folder.run("model alias avoid").ok().stdout().contains("avoid:champion is avoid@1"));
+    assert!(folder.run("model list").ok().stdout().contains("versions 1, 2; champion is 1"));
+
+    folder.run("model alias avoid champion --remove").ok();
+    let history = folder.run("model alias avoid champion --json").ok();
+    assert!(history.stdout().contains("version 2: wins (ann, 2"), "{}", history.stdout());
+    assert!(history.stdout().contains("3  no version"), "{}", history.stdout());
+    assert_eq!(history.json().as_array().unwrap().len(), 3);
+    folder.run("model alias avoid champion 2 --expect none").ok();
+    let verified = folder.run("model verify --json").ok().json();
+    assert_eq!((&verified["entries"], &verified["versions"]), (&4.into(), &2.into()));
+}
+
+#[test]
+fn aliases_that_mean_nothing_are_refused() {
+    let folder = two_versions();
+    folder.run("model alias avoid champion 7").fails(1, &["avoid@7"]);
+    folder.run("model alias avoid champion").fails(1, &["no alias `champion`", "none"]);
+    folder.run("model alias avoid champion 1").ok();
+    folder.run("model show avoid:champoin").fails(1, &["no alias `champoin`", "champion"]);
+    folder.run("model alias other champion 1").fails(1, &["no model `other`"]);
+    folder.run("model alias other").fails(1, &["no model `other`"]);
+    folder.run("model alias avoid 3 1").fails(2, &["`3` is not an alias"]);
+    folder.run("model alias avoid champion x").fails(2, &["avoid@x"]);
+    folder.run("model alias avoid champion 2 --expect x").fails(2, &["--expect x"]);
+    folder.run("model alias avoid --remove").fails(2, &["<ALIAS>"]);
+}
+
+#[test]
+fn a_yanked_version_is_used_only_where_it_is_named_and_with_a_warning() {
+    let folder = two_versions();
+    folder.run("model alias avoid champion 2").ok();
+    folder.run("model yank avoid@2").fails(2, &["--reason"]);
+    folder.run("model yank avoid --reason bad").fails(2, &["which version"]);
+    assert!(
+        folder.run("model yank avoid@2 --reason leaked").ok().stdout().contains("yanked avoid@2: leaked")
+    );
+    assert!(folder.run("model yank avoid@2 --reason x").ok().stdout().contains("already: leaked"));
+    assert!(folder.run("model list").ok().stdout().contains("versions 1, 2 (yanked)"));
+    assert_eq!(folder.run("model show avoid --json").ok().json()["version"], 1);
+    for model in ["avoid@2", "avoid:champion"] {
+        let shown = folder.run(&format!("model show {model} --json")).ok();
+        assert!(shown.stderr().contains("warning: avoid@2 is yanked: leaked"), "{}", shown.stderr());
+        assert_eq!(shown.json()["yanked"]["reason"], "leaked");
+    }
+    let pulled = folder.run("model pull avoid@2 --out pulled").ok();
+    assert!(pulled.stderr().contains("yanked: leaked"), "{}", pulled.stderr());
+    folder.run("model yank avoid@1 --reason old").ok();
+    folder.run("model show avoid").fails(1, &["every version is yanked", "avoid@2"]);
+    folder.run("model yank avoid@2 --undo").ok();
+    assert_eq!(folder.run("model show avoid --json").ok().json()["version"], 2);
+    folder.run("model verify").ok();
+}
+
+#[test]
+fn garbage_is_shown_first_and_deleted_on_demand() {
+    let folder = two_versions();
+    let name = format!("models/blobs/sha256/ab/{}", "ab".repeat(32));
+    folder.write(&name, "orphan");
+    folder.write("models/models/avoid/versions/000003.json#1", "half");
+    let young = folder.run("model gc --json").ok();
+    assert_eq!(young.json()["found"], serde_json::json!([]));
+    let shown = folder.run("model gc --older-than 0s --json").ok();
+    assert!(shown.stdout().contains("nothing was deleted"), "{}", shown.stdout());
+    assert_eq!((&shown.json()["found_bytes"], &shown.json()["deleted_bytes"]), (&10.into(), &0.into()));
+    assert!(folder.path(&name).exists());
+    let deleted = folder.run("model gc --older-than 0s --delete --json").ok();
+    assert_eq!(deleted.json()["deleted"].as_array().unwrap().len(), 2);
+    assert!(!folder.path(&name).exists());
+    folder.run("model verify").ok();
+    folder.run("model gc --older-than 2w").fails(2, &["14d"]);
+}
+
+#[test]
+fn differences_of_two_versions_are_told() {
+    let folder = two_versions();
+    checkpoint(&folder, "third", "first");
+    folder.write("third/config.toml", "seed = 6\n[phase]\nepochs = 2\n");
+    folder.run("model publish third avoid").ok();
+    let told = folder.run("model diff avoid@1 avoid --json").ok();
+    for words in ["- avoid@1", "+ avoid@3", "- seed", "+ phase.epochs", "config.toml"] {
+        assert!(told.stdout().contains(words), "{words}: {}", told.stdout());
+    }
+    let found = told.json();
+    let seed = serde_json::json!({ "key": "seed", "from": 5, "to": 6 });
+    assert_eq!(found["configuration"].as_array().unwrap().len(), 2);
+    assert_eq!(found["configuration"][1], seed);
+    assert_eq!(found["files"].as_array().unwrap().len(), 1, "the weights are the same");
+    assert_eq!(found["lineage"][0]["key"], "config");
+    let same = folder.run("model diff avoid@1 avoid@1").ok().stdout();
+    assert!(same.contains("configuration: the same") && same.contains("files: the same"), "{same}");
 }

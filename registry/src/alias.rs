@@ -100,6 +100,9 @@ impl Registry {
 
     /// The aliases of `name` and the numbers of the versions that they mean.
     pub fn aliases(&self, name: &ModelName) -> Result<BTreeMap<AliasName, u64>> {
+        if self.versions(name)?.is_empty() {
+            return Err(self.no_model(name)?);
+        }
         let mut aliases = BTreeMap::new();
         let folders = self.store.list(&aliases_key(name))?.folders;
         for alias in folders.into_iter().filter_map(|folder| folder.parse().ok()) {
@@ -132,9 +135,6 @@ impl Registry {
     }
 
     fn no_alias(&self, name: &ModelName, alias: &AliasName) -> Result<Error> {
-        if self.versions(name)?.is_empty() {
-            return self.no_model(name);
-        }
         let known = self.aliases(name)?;
         let known = known.keys().map(AliasName::as_str).collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "none".to_owned() } else { known };

@@ -61,7 +61,7 @@ impl Registry {
         let metrics = side_by_side(a.metrics.clone(), b.metrics.clone());
         let lineage = changes(lineage(&from)?, lineage(&to)?);
         let files = changes(files(a), files(b));
-        Ok(Difference { configuration, metrics, lineage, files, from, to })
+        Ok(Difference { from, to, configuration, metrics, lineage, files })
     }
 
     /// The configuration of a version by key; none if the checkpoint has no such file.

@@ -19,12 +19,13 @@ use serde::Serialize;
 
 use crate::digest::Digest;
 use crate::error::{Error, Result};
+use crate::log::entry_number;
 use crate::problem::{Fault, Problem};
-use crate::registry::Registry;
+use crate::registry::{Registry, version_number};
 use crate::store::{BLOBS, MODELS, Object, Store, blob_key};
 
 /// How old garbage has to be before it is removed, unless the user says otherwise: 14 days.
-pub const GRACE: Duration = Duration::from_secs(14 * 24 * 3600);
+pub const GRACE: Duration = Duration::from_hours(14 * 24);
 
 /// An object that nothing needs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -155,7 +156,9 @@ impl References {
 /// Whether `key` is that of a manifest or an entry.
 fn is_numbered(key: &str) -> bool {
     let kind = key.split('/').nth(2);
-    kind.is_some_and(|kind| matches!(kind, "versions" | "aliases" | "yanks")) && key.ends_with(".json")
+    let object = key.rsplit('/').next().unwrap_or(key);
+    kind.is_some_and(|kind| matches!(kind, "versions" | "aliases" | "yanks"))
+        && (version_number(object).is_some() || entry_number(object).is_some())
 }
 
 /// All digests that are written in `bytes`.
@@ -219,7 +222,7 @@ mod tests {
     use crate::manifest::Provenance;
     use crate::store::version_key;
 
-    const DAY: Duration = Duration::from_secs(24 * 3600);
+    const DAY: Duration = Duration::from_hours(24);
 
     /// A registry with versions, an alias, a yank, and two blobs that nothing names.
     fn littered(place: &Place) -> Registry {

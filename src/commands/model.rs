@@ -1,11 +1,13 @@
 //! `flowservo model`: the registry of versioned checkpoints.
 
-use super::print_json;
+use super::{model_alias, model_diff, model_gc, print_json};
 use crate::cli;
 use crate::config::bad_input;
-use crate::output::out;
+use crate::output::{note, out};
 use anyhow::{Context, Result, bail};
-use registry::{ModelName, ModelRef, ModelVersion, Published, Pulled, Registry};
+use registry::{
+    Model, ModelName, ModelRef, ModelVersion, Published, Pulled, Registry, Remark, Selector, Verification,
+};
 use std::path::{Path, PathBuf};
 
 /// Runs one of the commands.
@@ -18,18 +20,19 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
         cli::Model::List { registry } => {
             let models = Registry::open(&registry.registry)?.list()?;
             for model in &models {
-                let versions: Vec<String> = model.versions.iter().map(ToString::to_string).collect();
-                out!("{}  versions {}", model.name, versions.join(", "));
+                list(model);
             }
             print_json(json, &models)
         }
         cli::Model::Show { model, registry } => {
             let version = Registry::open(&registry.registry)?.show(&reference(model)?)?;
+            warn(&version);
             show(&version);
             print_json(json, &version)
         }
         cli::Model::Pull { model, out, registry } => {
             let pulled = Registry::open(&registry.registry)?.pull(&reference(model)?, out)?;
+            warn(pulled.version());
             let ModelVersion { name, version, .. } = pulled.version();
             match &pulled {
                 Pulled::New(_) => out!("{}: {name}@{version}, every digest checked", out.display()),
@@ -43,11 +46,10 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             for problem in &found.problems {
                 out!("{problem}");
             }
+            let Verification { versions, blobs, entries, problems, .. } = &found;
             out!(
-                "{} versions, {} files read, {} problems",
-                found.versions,
-                found.blobs,
-                found.problems.len()
+                "{versions} versions, {blobs} files read, {entries} entries of aliases and yanks, {} problems",
+                problems.len()
             );
             print_json(json, &found)?;
             if !found.problems.is_empty() {
@@ -55,10 +57,15 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             Ok(())
         }
+        cli::Model::Alias(arguments) => model_alias::alias(arguments, json),
+        cli::Model::Yank(arguments) => model_alias::yank(arguments, json),
+        cli::Model::Gc(arguments) => model_gc::run(arguments, json),
+        cli::Model::Diff { from, to, registry } => model_diff::run(&registry.registry, from, to, json),
     }
 }
 
-fn reference(text: &str) -> Result<ModelRef> {
+/// What a person calls a version.
+pub(crate) fn reference(text: &str) -> Result<ModelRef> {
     text.parse().map_err(bad_input)
 }
 
@@ -67,6 +74,7 @@ pub(crate) fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Res
     let name: ModelName = name.parse().map_err(bad_input)?;
     let provenance = super::train::provenance(checkpoint)?;
     let published = registry.publish(&name, checkpoint, provenance)?;
+    warn(published.version());
     let ModelVersion { name, version, .. } = published.version();
     match &published {
         Published::New(_) => out!("published {name}@{version}"),
@@ -91,9 +99,36 @@ pub(crate) fn checkpoint(model: &str, registry: &Path) -> Result<PathBuf> {
     let reference: ModelRef = model.parse().map_err(bad_input).with_context(unknown)?;
     let opened = Registry::open(registry).map_err(bad_input).with_context(unknown)?;
     let version = opened.show(&reference).map_err(bad_input).with_context(unknown)?;
+    warn(&version);
     let target = registry.join("pulled").join(format!("{}-{}", version.name, version.version));
-    opened.pull(&reference, &target)?;
+    // Exactly this version: an alias or the newest may be another one by now.
+    let exact = ModelRef { name: version.name, selector: Selector::Version(version.version) };
+    opened.pull(&exact, &target)?;
     Ok(target)
+}
+
+/// Warns of a version that is yanked.
+pub(crate) fn warn(version: &ModelVersion) {
+    if let Some(remark) = &version.yanked {
+        note!("warning: {version} is yanked{}", told(remark));
+    }
+}
+
+/// What was said about a change, to be appended to what is told of it.
+pub(crate) fn told(remark: &Remark) -> String {
+    let Remark { who, reason, when } = remark;
+    let reason = reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
+    let source = [who, when].into_iter().flatten().map(String::as_str).collect::<Vec<_>>().join(", ");
+    if source.is_empty() { reason } else { format!("{reason} ({source})") }
+}
+
+fn list(model: &Model) {
+    let Model { name, versions, yanked, aliases } = model;
+    let version =
+        |number: &u64| format!("{number}{}", if yanked.contains(number) { " (yanked)" } else { "" });
+    let versions = versions.iter().map(version).collect::<Vec<_>>().join(", ");
+    let aliases = aliases.iter().map(|(alias, number)| format!("; {alias} is {number}")).collect::<Vec<_>>();
+    out!("{name}  versions {versions}{}", aliases.concat());
 }
 
 fn show(version: &ModelVersion) {

@@ -1,0 +1,99 @@
+//! Arguments of `flowservo model alias`, `yank` and `gc`.
+
+use super::RegistryArgs;
+use clap::Args;
+use std::time::Duration;
+
+/// `model alias`
+#[derive(Debug, Args)]
+pub(crate) struct AliasArgs {
+    /// The model's name.
+    pub(crate) name: String,
+    /// The alias; without it, all aliases of the model are listed.
+    pub(crate) alias: Option<String>,
+    /// The version that the alias means from now on, a number or a digest; without it, the alias's history is shown.
+    pub(crate) version: Option<String>,
+    /// End the alias: it means no version from now on.
+    #[arg(long, requires = "alias", conflicts_with = "version")]
+    pub(crate) remove: bool,
+    /// Change it only if it means this version now: a number, or `none`.
+    #[arg(long, value_name = "VERSION", requires = "alias")]
+    pub(crate) expect: Option<String>,
+    /// Why, and who says so.
+    #[command(flatten)]
+    pub(crate) remark: RemarkArgs,
+    /// The registry.
+    #[command(flatten)]
+    pub(crate) registry: RegistryArgs,
+}
+
+/// `model yank`
+#[derive(Debug, Args)]
+pub(crate) struct Yank {
+    /// `NAME@VERSION` or `NAME@sha256:DIGEST`.
+    pub(crate) model: String,
+    /// Take it back: the version may be used again.
+    #[arg(long)]
+    pub(crate) undo: bool,
+    /// Why, and who says so.
+    #[command(flatten)]
+    pub(crate) remark: RemarkArgs,
+    /// The registry.
+    #[command(flatten)]
+    pub(crate) registry: RegistryArgs,
+}
+
+/// What is written into the registry's log with a change.
+#[derive(Debug, Args)]
+pub(crate) struct RemarkArgs {
+    /// Why: kept in the registry.
+    #[arg(long, value_name = "TEXT")]
+    pub(crate) reason: Option<String>,
+    /// Who says so: kept in the registry.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) by: Option<String>,
+}
+
+/// `model gc`
+#[derive(Debug, Args)]
+pub(crate) struct Gc {
+    /// Only what was written longer ago than this, as 14d or 12h. No publication may take longer.
+    #[arg(long, value_name = "AGE", default_value = "14d", value_parser = age)]
+    pub(crate) older_than: Duration,
+    /// Delete it; without this nothing is changed.
+    #[arg(long)]
+    pub(crate) delete: bool,
+    /// The registry.
+    #[command(flatten)]
+    pub(crate) registry: RegistryArgs,
+}
+
+/// Reads a number of days, hours, minutes or seconds.
+fn age(text: &str) -> Result<Duration, String> {
+    let refusal = || "write a whole number of days, hours, minutes or seconds: 14d, 12h, 30m, 10s".to_owned();
+    let unit = text.chars().last().ok_or_else(refusal)?;
+    let seconds = match unit {
+        'd' => 24 * 3600,
+        'h' => 3600,
+        'm' => 60,
+        's' => 1,
+        _ => return Err(refusal()),
+    };
+    let number: u32 = text[..text.len() - 1].parse().map_err(|_| refusal())?;
+    Ok(Duration::from_secs(u64::from(number) * seconds))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ages() {
+        assert_eq!(age("14d"), Ok(registry::GRACE));
+        assert_eq!(age("90m"), Ok(Duration::from_mins(90)));
+        assert_eq!(age("0s"), Ok(Duration::ZERO));
+        for bad in ["", "14", "d", "-1d", "1.5h", "1w", "2 d", "1é"] {
+            assert!(age(bad).is_err(), "{bad}");
+        }
+    }
+}

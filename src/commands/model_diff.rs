@@ -1,0 +1,43 @@
+//! `flowservo model diff`: what two versions differ in.
+
+use super::model::{reference, warn};
+use super::print_json;
+use crate::output::out;
+use anyhow::Result;
+use registry::{Change, Registry};
+use std::fmt::Display;
+use std::path::Path;
+
+/// Runs the command.
+pub(crate) fn run(registry: &Path, from: &str, to: &str, json: bool) -> Result<()> {
+    let found = Registry::open(registry)?.diff(&reference(from)?, &reference(to)?)?;
+    for (mark, version) in [("-", &found.from), ("+", &found.to)] {
+        warn(version);
+        out!("{mark} {version}  {}", version.digest);
+    }
+    section("configuration", &found.configuration);
+    out!("metrics");
+    for change in &found.metrics {
+        let value = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
+        let difference = change.difference().map_or(String::new(), |value| format!("{value:+.4}"));
+        out!("  {:40} {:>12} {:>12} {difference:>12}", change.key, value(change.from), value(change.to));
+    }
+    section("lineage", &found.lineage);
+    section("files", &found.files);
+    print_json(json, &found)
+}
+
+fn section<T: Display>(title: &str, changes: &[Change<T>]) {
+    if changes.is_empty() {
+        out!("{title}: the same");
+        return;
+    }
+    out!("{title}");
+    for Change { key, from, to } in changes {
+        for (mark, value) in [("-", from), ("+", to)] {
+            if let Some(value) = value {
+                out!("  {mark} {key:40} {value}");
+            }
+        }
+    }
+}
