@@ -117,6 +117,8 @@ fn aliases_that_mean_nothing_are_refused() {
     folder.run("model alias avoid champion x").fails(2, &["avoid@x"]);
     folder.run("model alias avoid champion 2 --expect x").fails(2, &["--expect x"]);
     folder.run("model alias avoid --remove").fails(2, &["<ALIAS>"]);
+    folder.run("model alias avoid champion --expect 1").fails(2, &["--remove"]);
+    folder.run("model alias avoid champion 1 --remove").fails(2, &["--remove"]);
 }
 
 #[test]
@@ -148,7 +150,7 @@ fn a_yanked_version_is_used_only_where_it_is_named_and_with_a_warning() {
 #[test]
 fn garbage_is_shown_first_and_deleted_on_demand() {
     let folder = two_versions();
-    let name = format!("models/blobs/sha256/ab/{}", "ab".repeat(32));
+    let name = format!("models/blobs/sha256/cd/{}", "cd".repeat(32));
     folder.write(&name, "orphan");
     folder.write("models/models/avoid/versions/000003.json#1", "half");
     let young = folder.run("model gc --json").ok();

@@ -27,7 +27,7 @@ pub struct Difference {
     /// Keys of the two `config.toml` whose values differ, as `phases.0.epochs`.
     pub configuration: Vec<Change<Value>>,
     /// All metrics of both.
-    pub metrics: Vec<Change<f64>>,
+    pub metrics: Vec<Compared>,
     /// What of the lineage differs, as `datasets.b_2a`.
     pub lineage: Vec<Change<Value>>,
     /// The files that differ, by path.
@@ -45,10 +45,23 @@ pub struct Change<T> {
     pub to: Option<T>,
 }
 
-impl Change<f64> {
+/// A metric of two versions.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Compared {
+    /// Its name.
+    pub metric: String,
+    /// Its value in the first version, if it has it.
+    pub from: Option<f64>,
+    /// Its value in the second version, if it has it.
+    pub to: Option<f64>,
     /// How much greater the second value is.
-    pub fn difference(&self) -> Option<f64> {
-        Some(self.to? - self.from?)
+    pub difference: Option<f64>,
+}
+
+impl From<Change<f64>> for Compared {
+    fn from(Change { key, from, to }: Change<f64>) -> Self {
+        Self { metric: key, from, to, difference: to.zip(from).map(|(to, from)| to - from) }
     }
 }
 
@@ -59,6 +72,7 @@ impl Registry {
         let configuration = changes(self.configuration(&from)?, self.configuration(&to)?);
         let (a, b) = (&from.manifest, &to.manifest);
         let metrics = side_by_side(a.metrics.clone(), b.metrics.clone());
+        let metrics = metrics.into_iter().map(Compared::from).collect();
         let lineage = changes(lineage(&from)?, lineage(&to)?);
         let files = changes(files(a), files(b));
         Ok(Difference { from, to, configuration, metrics, lineage, files })
@@ -167,6 +181,10 @@ mod tests {
         Change { key: key.into(), from, to }
     }
 
+    fn compared(metric: &str, [from, to, difference]: [Option<f64>; 3]) -> Compared {
+        Compared { metric: metric.into(), from, to, difference }
+    }
+
     #[test]
     fn everything_that_differs_is_told() {
         for place in Place::all() {
@@ -183,9 +201,11 @@ mod tests {
                 change("size", Some(json!([32, 24])), Some(json!([32, 32]))),
             ];
             assert_eq!(found.configuration, configuration);
-            let metrics = [change("error_mm", Some(0.5), Some(0.75)), change("loss", Some(0.25), Some(0.25))];
+            let metrics = [
+                compared("error_mm", [Some(0.5), Some(0.75), Some(0.25)]),
+                compared("loss", [Some(0.25), Some(0.25), Some(0.0)]),
+            ];
             assert_eq!(found.metrics, metrics);
-            assert_eq!(found.metrics[0].difference(), Some(0.25));
             assert_eq!(found.lineage, [change("seed", Some(json!(u64::MAX)), None)]);
             let digest = |bytes: &[u8]| Some(Digest::of(bytes));
             let files = [
@@ -207,9 +227,8 @@ mod tests {
         publish(&place, &registry, "", "one", ("skill", 0.5));
         publish(&place, &registry, "", "two", ("error_mm", 0.5));
         let found = diff(&registry, "approach@1", "approach@2").unwrap().metrics;
-        assert_eq!(found[0], change("error_mm", None, Some(0.5)));
-        assert_eq!(found[2], change("skill", Some(0.5), None));
-        assert_eq!(found[2].difference(), None);
+        assert_eq!(found[0], compared("error_mm", [None, Some(0.5), None]));
+        assert_eq!(found[2], compared("skill", [Some(0.5), None, None]));
     }
 
     #[test]

@@ -62,7 +62,12 @@ impl Registry {
     /// Deletes those of `garbage` that are still garbage, looking again right before each deletion, and returns them.
     ///
     /// If the store refuses one, the error tells, and those before it are gone.
-    pub fn delete(&self, garbage: Vec<Garbage>, now: SystemTime, grace: Duration) -> Result<Vec<Garbage>> {
+    pub fn delete_garbage(
+        &self,
+        garbage: Vec<Garbage>,
+        now: SystemTime,
+        grace: Duration,
+    ) -> Result<Vec<Garbage>> {
         let mut references = References::default();
         let mut deleted = Vec::new();
         for found in garbage {
@@ -77,7 +82,7 @@ impl Registry {
             let object = self.store.object(&found.key)?;
             let is_old = object.and_then(|object| old(object, now, grace)).is_some();
             if is_old && !references.names(digest) {
-                self.store.delete(&found.key)?;
+                self.store.remove(&found.key)?;
                 deleted.push(found);
             }
         }
@@ -269,12 +274,16 @@ mod tests {
             assert_eq!((garbage[0].size, garbage[0].age_s / 3600), (6, 15 * 24));
             assert_eq!(registry.store.walk(BLOBS).unwrap().len(), before, "looking changes nothing");
 
-            assert_eq!(registry.delete(garbage.clone(), in_days(13), GRACE).unwrap(), [], "young again");
-            assert_eq!(registry.delete(garbage.clone(), in_days(15), GRACE).unwrap(), garbage);
+            assert_eq!(
+                registry.delete_garbage(garbage.clone(), in_days(13), GRACE).unwrap(),
+                [],
+                "young again"
+            );
+            assert_eq!(registry.delete_garbage(garbage.clone(), in_days(15), GRACE).unwrap(), garbage);
             assert_eq!(registry.store.walk(BLOBS).unwrap().len(), before - 2);
             assert_eq!(registry.garbage(in_days(15), Duration::ZERO).unwrap(), []);
             assert!(registry.verify(None).unwrap().problems.is_empty());
-            assert_eq!(registry.delete(garbage, in_days(15), GRACE).unwrap(), [], "gone already");
+            assert_eq!(registry.delete_garbage(garbage, in_days(15), GRACE).unwrap(), [], "gone already");
         }
     }
 
@@ -286,7 +295,7 @@ mod tests {
             let garbage = registry.garbage(in_days(15), GRACE).unwrap();
             let checkpoint = place.checkpoint("late", b"orphan");
             registry.publish(&model("late"), &checkpoint, Provenance::default()).unwrap();
-            let deleted = registry.delete(garbage, in_days(15), GRACE).unwrap();
+            let deleted = registry.delete_garbage(garbage, in_days(15), GRACE).unwrap();
             assert_eq!(keys(&deleted), [blob_key(Digest::of(b"litter"))]);
             assert!(registry.verify(None).unwrap().problems.is_empty());
         }
@@ -319,7 +328,7 @@ mod tests {
         let garbage = registry.garbage(in_days(15), GRACE).unwrap();
         flip(&place.path("registry"), &version_key(&model("approach"), 2));
         assert!(matches!(registry.garbage(in_days(15), GRACE), Err(Error::Damaged(_))));
-        assert!(matches!(registry.delete(garbage, in_days(15), GRACE), Err(Error::Damaged(_))));
+        assert!(matches!(registry.delete_garbage(garbage, in_days(15), GRACE), Err(Error::Damaged(_))));
         assert!(orphans().iter().all(|key| place.path("registry").join(key).exists()));
     }
 
@@ -337,7 +346,7 @@ mod tests {
         let mut expected = orphans();
         expected.extend(leftovers.map(str::to_owned));
         assert_eq!(keys(&garbage), expected);
-        assert_eq!(registry.delete(garbage, in_days(15), GRACE).unwrap().len(), 4);
+        assert_eq!(registry.delete_garbage(garbage, in_days(15), GRACE).unwrap().len(), 4);
         assert!(leftovers.iter().all(|name| !root.join(name).exists()));
         assert!(root.join("notes#1a").exists() && root.join("pulled/x/file#1").exists());
     }

@@ -40,7 +40,7 @@ mod verify;
 mod yank;
 
 pub use alias::AliasName;
-pub use diff::{Change, Difference};
+pub use diff::{Change, Compared, Difference};
 pub use digest::Digest;
 pub use error::{Error, Result};
 pub use gc::{GRACE, Garbage};

@@ -14,6 +14,9 @@ use crate::registry::{ModelVersion, Registry};
 /// The highest number of an entry: numbers have nine digits, so that names sort as numbers do.
 const LAST_ENTRY: u64 = 999_999_999;
 
+/// Bytes of the largest entry.
+const ENTRY_LIMIT: usize = 1 << 16;
+
 /// One entry of a log.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
@@ -210,9 +213,8 @@ fn encode(entry: &Entry) -> std::result::Result<Vec<u8>, String> {
     }
     let mut bytes = serde_json::to_vec_pretty(entry).map_err(|error| error.to_string())?;
     bytes.push(b'\n');
-    let limit = 1 << 16;
-    if bytes.len() > limit {
-        return Err(format!("it would have {} bytes, more than {limit}; say it shorter", bytes.len()));
+    if bytes.len() > ENTRY_LIMIT {
+        return Err(format!("it would have {} bytes, more than {ENTRY_LIMIT}; say it shorter", bytes.len()));
     }
     Ok(bytes)
 }

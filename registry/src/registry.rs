@@ -186,12 +186,13 @@ impl Registry {
 
     /// The highest of `versions`, all those of `name`, that is not yanked.
     fn newest(&self, name: &ModelName, versions: &[u64]) -> Result<u64> {
-        let yanked = self.yanked_versions(name)?;
-        let newest = versions.iter().rev().find(|number| !yanked.contains(number));
-        newest.copied().ok_or_else(|| {
-            let newest = format!("{name}@{}", versions.last().unwrap_or(&0));
-            Error::AllYanked { name: name.to_string(), newest }
-        })
+        for &number in versions.iter().rev() {
+            if self.yanked(name, number)?.is_none() {
+                return Ok(number);
+            }
+        }
+        let newest = format!("{name}@{}", versions.last().unwrap_or(&0));
+        Err(Error::AllYanked { name: name.to_string(), newest })
     }
 
     pub(crate) fn no_model(&self, name: &ModelName) -> Result<Error> {

@@ -245,9 +245,9 @@ impl Store {
         }
     }
 
-    /// Deletes an object: only garbage is ever deleted.
-    pub(crate) fn delete(&self, key: &str) -> Result<()> {
-        block_on(self.objects.delete(&Key::from(key))).map_err(self.error("delete", key))
+    /// Removes an object.
+    pub(crate) fn remove(&self, key: &str) -> Result<()> {
+        block_on(self.objects.delete(&Key::from(key))).map_err(self.error("remove", key))
     }
 
     fn error(&self, action: &'static str, key: &str) -> impl FnOnce(object_store::Error) -> Error {

@@ -12,12 +12,13 @@ pub(crate) struct AliasArgs {
     /// The alias; without it, all aliases of the model are listed.
     pub(crate) alias: Option<String>,
     /// The version that the alias means from now on, a number or a digest; without it, the alias's history is shown.
+    #[arg(group = "change")]
     pub(crate) version: Option<String>,
     /// End the alias: it means no version from now on.
-    #[arg(long, requires = "alias", conflicts_with = "version")]
+    #[arg(long, requires = "alias", group = "change")]
     pub(crate) remove: bool,
     /// Change it only if it means this version now: a number, or `none`.
-    #[arg(long, value_name = "VERSION", requires = "alias")]
+    #[arg(long, value_name = "VERSION", requires = "change")]
     pub(crate) expect: Option<String>,
     /// Why, and who says so.
     #[command(flatten)]

@@ -60,7 +60,9 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
         cli::Model::Alias(arguments) => model_alias::alias(arguments, json),
         cli::Model::Yank(arguments) => model_alias::yank(arguments, json),
         cli::Model::Gc(arguments) => model_gc::run(arguments, json),
-        cli::Model::Diff { from, to, registry } => model_diff::run(&registry.registry, from, to, json),
+        cli::Model::Diff { from, to, registry } => {
+            model_diff::run(&Registry::open(&registry.registry)?, from, to, json)
+        }
     }
 }
 
@@ -119,7 +121,9 @@ pub(crate) fn told(remark: &Remark) -> String {
     let Remark { who, reason, when } = remark;
     let reason = reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
     let source = [who, when].into_iter().flatten().map(String::as_str).collect::<Vec<_>>().join(", ");
-    if source.is_empty() { reason } else { format!("{reason} ({source})") }
+    let told = if source.is_empty() { reason } else { format!("{reason} ({source})") };
+    // Others wrote it: what would steer the terminal is left out.
+    told.chars().filter(|c| !c.is_control()).collect()
 }
 
 fn list(model: &Model) {

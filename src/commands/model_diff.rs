@@ -4,23 +4,22 @@ use super::model::{reference, warn};
 use super::print_json;
 use crate::output::out;
 use anyhow::Result;
-use registry::{Change, Registry};
+use registry::{Change, Compared, Registry};
 use std::fmt::Display;
-use std::path::Path;
 
 /// Runs the command.
-pub(crate) fn run(registry: &Path, from: &str, to: &str, json: bool) -> Result<()> {
-    let found = Registry::open(registry)?.diff(&reference(from)?, &reference(to)?)?;
+pub(crate) fn run(registry: &Registry, from: &str, to: &str, json: bool) -> Result<()> {
+    let found = registry.diff(&reference(from)?, &reference(to)?)?;
     for (mark, version) in [("-", &found.from), ("+", &found.to)] {
         warn(version);
         out!("{mark} {version}  {}", version.digest);
     }
     section("configuration", &found.configuration);
     out!("metrics");
-    for change in &found.metrics {
-        let value = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
-        let difference = change.difference().map_or(String::new(), |value| format!("{value:+.4}"));
-        out!("  {:40} {:>12} {:>12} {difference:>12}", change.key, value(change.from), value(change.to));
+    for Compared { metric, from, to, difference, .. } in &found.metrics {
+        let value = |value: &Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
+        let difference = difference.map_or(String::new(), |value| format!("{value:+.4}"));
+        out!("  {metric:40} {:>12} {:>12} {difference:>12}", value(from), value(to));
     }
     section("lineage", &found.lineage);
     section("files", &found.files);

@@ -29,7 +29,7 @@ pub(crate) fn run(arguments: &Gc, json: bool) -> Result<()> {
     out!("{} objects that nothing needs, {found_bytes} bytes", found.len());
     let mut deleted = Vec::new();
     if arguments.delete {
-        deleted = registry.delete(found.clone(), now, grace)?;
+        deleted = registry.delete_garbage(found.clone(), now, grace)?;
         out!("deleted {} of them, {} bytes", deleted.len(), bytes(&deleted));
     } else if !found.is_empty() {
         out!("nothing was deleted; --delete deletes them");
