@@ -83,7 +83,8 @@ fn two_versions() -> Folder {
 #[test]
 fn aliases_move_and_end_and_their_history_stays() {
     let folder = two_versions();
-    let set = folder.run("model alias avoid champion 2 --reason wins --by ann --json").ok();
+    // What could steer a terminal is not told.
+    let set = folder.run("model alias avoid champion 2 --reason wins\u{1b} --by ann --json").ok();
     assert!(set.stdout().contains("avoid:champion is avoid@2 from now on"), "{}", set.stdout());
     assert_eq!(set.json()["changed"], true);
     assert_eq!(folder.run("model alias avoid champion 2 --json").ok().json()["changed"], false);
