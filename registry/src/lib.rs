@@ -8,14 +8,14 @@
 //! blobs/sha256/ab/abcdef...                       files, configurations, manifests and entries, named by their digest
 //! models/<name>/versions/000007.json              manifest of version 7, created once: of two writers, one takes 8
 //! models/<name>/aliases/<alias>/000000012.json    what the alias means since its 12th change
-//! models/<name>/yanks/000003/000000001.json      that and why version 3 is yanked, or no longer
+//! models/<name>/yanks/000003/000000001.json       that and why version 3 is yanked, or no longer
 //! ```
 //!
 //! Publishing writes blobs first and the numbered manifest last, so an interrupted publication leaves only blobs that no
 //! version names. A numbered manifest also stands among the blobs, byte for byte: the number finds it, the digest
 //! proves it. So do entries about aliases and yanked versions, each of which also names the digest of the one before. What
-//! nothing names any more is garbage, the only thing that is ever deleted. Manifests are OCI image manifests with the media types of the CNCF model format
-//! (<https://github.com/modelpack/model-spec>).
+//! nothing names any more is garbage, the only thing that is ever deleted. Manifests are OCI image manifests with the media
+//! types of the CNCF model format (<https://github.com/modelpack/model-spec>).
 //!
 //! This crate knows files, not networks; it has no clock and no randomness.
 #![forbid(unsafe_code)]
