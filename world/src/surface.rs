@@ -84,6 +84,14 @@ impl Quadric {
         Self { across, center, radius, power: center.norm_squared() - radius * radius }
     }
 
+    /// The quadric with its axes x and y exchanged.
+    pub(crate) fn transposed(&self) -> Self {
+        let mut across = self.across;
+        across.swap_rows(0, 1);
+        across.swap_columns(0, 1);
+        Self { across, center: self.center.yxz(), ..*self }
+    }
+
     /// Is the camera outside?
     pub(crate) fn is_in_view(&self) -> bool {
         self.power > 0.0
