@@ -198,9 +198,9 @@ impl<'a> Sampler<'a> {
         scene: &Scene,
     ) -> std::result::Result<(), Reason> {
         let robot_from_camera = robot_from_hand * self.judge.camera().hand_from_camera;
-        let instance = self.judge.frame(scene, &robot_from_camera).instance;
-        let visible = instance.iter().filter(|&&number| number == TARGET).count();
-        let enough = visible as f64 >= self.rejection.min_target_area * instance.len() as f64;
+        let visible = self.judge.pixels_of(TARGET, scene, &robot_from_camera);
+        let Camera { width, height, .. } = self.judge.camera();
+        let enough = visible as f64 >= self.rejection.min_target_area * f64::from(width * height);
         if enough { Ok(()) } else { Err(Reason::HardlyVisible) }
     }
 }

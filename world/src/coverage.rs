@@ -2,8 +2,8 @@
 //! straight edges.
 
 use crate::scan::{Cell, Edge};
-use crate::scene::Color;
-use crate::surface::{Patch, SurfaceOnLine};
+use crate::scene::{Color, Light};
+use crate::surface::{Patch, Shading, SurfaceOnLine};
 use crate::texture::{TextureInView, Weave};
 use crate::view::View;
 use nalgebra::{Point2, Vector3};
@@ -20,6 +20,8 @@ pub(crate) struct Canvas<'a> {
     summed: Vec<Range<usize>>,
     /// For what covers many pixels alike: by how much the sums change from one pixel to the next.
     steps: Vec<Sum>,
+    /// Where there are such steps.
+    stepped: Vec<usize>,
     /// Does the current row consist of several cells?
     is_mixed: bool,
     edges: Vec<EdgeInRow>,
@@ -79,6 +81,7 @@ impl<'a> Canvas<'a> {
             sums,
             summed: Vec::new(),
             steps,
+            stepped: Vec::new(),
             is_mixed: false,
             edges: Vec::new(),
             y: 0.0,
@@ -105,9 +108,12 @@ impl<'a> Canvas<'a> {
     }
 
     fn draw_span(&mut self, row: usize, [top, bottom]: [f64; 2], [left, right]: [EdgeInRow; 2], patch: u16) {
+        let View { camera, light, patches, .. } = self.view;
         let weave = self.weaves[usize::from(patch)].as_mut();
-        let patch = &self.view.patches[usize::from(patch)];
-        let mut shade = Shade::new(self.view, patch, self.y, weave);
+        let mut shade = Shade::new(light, &patches[usize::from(patch)], self.y, weave);
+        let constant = shade.constant();
+        let mut color =
+            |u: f64| shade.color(&Vector3::new((u - camera.center.x) / camera.focal, self.y, 1.0), light);
         let height = bottom - top;
         let (begin, end) = (left.from.floor() as usize, right.to.ceil() as usize);
         let inner = left.to.ceil() as usize..right.from.floor() as usize;
@@ -117,7 +123,7 @@ impl<'a> Canvas<'a> {
         let mut sum_up = |pixels: Range<usize>| {
             for pixel in pixels.clone() {
                 let area = height * (left.right_of(pixel) - right.right_of(pixel));
-                add(&mut self.sums[pixel], shade.color(place(pixel)), area);
+                add(&mut self.sums[pixel], color(place(pixel)), area);
             }
             self.summed.push(pixels);
         };
@@ -129,20 +135,21 @@ impl<'a> Canvas<'a> {
         sum_up(inner.end..end);
         let start = 3 * self.sums.len() * row;
         let bytes = &mut self.bytes[start + 3 * inner.start..start + 3 * inner.end];
-        match (shade.constant, self.is_mixed) {
+        match (constant, self.is_mixed) {
             (Some(color), true) => {
                 add(&mut self.steps[inner.start], color, height);
                 add(&mut self.steps[inner.end], color, -height);
+                self.stepped.extend([inner.start, inner.end]);
             }
             (None, true) => {
                 for pixel in inner {
-                    add(&mut self.sums[pixel], shade.color(pixel as f64 + 0.5), height);
+                    add(&mut self.sums[pixel], color(pixel as f64 + 0.5), height);
                 }
             }
             (Some(color), false) => fill(bytes, to_bytes(color)),
             (None, false) => {
                 for (pixel, bytes) in inner.zip(bytes.chunks_exact_mut(3)) {
-                    bytes.copy_from_slice(&to_bytes(shade.color(pixel as f64 + 0.5)));
+                    bytes.copy_from_slice(&to_bytes(color(pixel as f64 + 0.5)));
                 }
             }
         }
@@ -163,63 +170,70 @@ impl<'a> Canvas<'a> {
     /// Writes the sums of a row that consists of several cells.
     fn finish_mixed(&mut self, row: usize) {
         self.summed.clear();
-        let length = 3 * self.sums.len();
-        let pixels = self.bytes[length * row..length * (row + 1)].chunks_exact_mut(3);
+        let width = self.sums.len();
+        let bytes = &mut self.bytes[3 * width * row..3 * width * (row + 1)];
+        self.stepped.extend([0, width]);
+        self.stepped.sort_unstable();
+        self.stepped.dedup();
         let mut level = Sum::default();
-        let mut level_bytes = [0; 3];
-        for ((sum, step), bytes) in self.sums.iter_mut().zip(&mut self.steps).zip(pixels) {
-            if step.iter().any(|value| *value != 0.0) {
-                level = plus(level, std::mem::take(step));
-                level_bytes = to_bytes([level[0], level[1], level[2]]);
-            }
-            bytes.copy_from_slice(&level_bytes);
-            if sum[3] != 0.0 {
-                let [red, green, blue, _] = plus(level, std::mem::take(sum));
-                bytes.copy_from_slice(&to_bytes([red, green, blue]));
+        for run in self.stepped.windows(2).map(|ends| ends[0]..ends[1]) {
+            level = plus(level, std::mem::take(&mut self.steps[run.start]));
+            let [red, green, blue, _] = level;
+            fill(&mut bytes[3 * run.start..3 * run.end], to_bytes([red, green, blue]));
+            for pixel in run {
+                if self.sums[pixel][3] != 0.0 {
+                    let [red, green, blue, _] = plus(level, std::mem::take(&mut self.sums[pixel]));
+                    bytes[3 * pixel..3 * pixel + 3].copy_from_slice(&to_bytes([red, green, blue]));
+                }
             }
         }
-        self.steps.fill(Sum::default());
+        self.steps[width] = Sum::default();
+        self.stepped.clear();
     }
 }
 
 /// The color of a patch along an image line.
-struct Shade<'a, 'b> {
-    view: &'a View<'a>,
-    patch: &'a Patch,
-    /// The color of all the line, if it has but one.
-    constant: Option<Color>,
-    /// The line's y.
-    y: f64,
-    surface: SurfaceOnLine<'a>,
-    weave: Option<&'a mut Weave<'b>>,
+enum Shade<'a, 'b> {
+    /// Of a flat surface.
+    Constant(Color),
+    /// Of a round one.
+    Round(Color, Shading),
+    /// Of one with a texture.
+    Dyed(&'a mut Weave<'b>, &'a Patch, SurfaceOnLine<'a>),
 }
 
 impl<'a, 'b> Shade<'a, 'b> {
-    fn new(view: &'a View<'a>, patch: &'a Patch, y: f64, weave: Option<&'a mut Weave<'b>>) -> Self {
-        let surface = patch.surface.on_line(y);
-        let is_constant = weave.is_none() && matches!(surface, SurfaceOnLine::Flat(_));
-        let constant = is_constant.then(|| lit(patch.color, patch.brightness));
-        Self { view, patch, constant, y, surface, weave }
+    fn new(light: &Light, patch: &'a Patch, y: f64, weave: Option<&'a mut Weave<'b>>) -> Self {
+        match (weave, patch.surface.on_line(y)) {
+            (Some(weave), surface) => Self::Dyed(weave, patch, surface),
+            (None, SurfaceOnLine::Flat(_)) => Self::Constant(lit(patch.color, patch.brightness)),
+            (None, SurfaceOnLine::Round(quadric)) => Self::Round(patch.color, quadric.shading(light)),
+        }
     }
 
-    fn color(&mut self, u: f64) -> Color {
-        if let Some(color) = self.constant {
-            return color;
+    /// The color of all the line, if it has but one.
+    fn constant(&self) -> Option<Color> {
+        match self {
+            Self::Constant(color) => Some(*color),
+            Self::Round(..) | Self::Dyed(..) => None,
         }
-        let (camera, patch) = (self.view.camera, self.patch);
-        let ray = Vector3::new((u - camera.center.x) / camera.focal, self.y, 1.0);
-        let (nearness, normal, brightness) = match &self.surface {
-            SurfaceOnLine::Flat(plane) => (plane.dot(&ray), **plane, patch.brightness),
-            SurfaceOnLine::Round(quadric) => {
-                let (nearness, normal) = quadric.entry(ray.x);
-                (nearness, normal, self.view.light.on(&normal))
+    }
+
+    fn color(&mut self, ray: &Vector3<f64>, light: &Light) -> Color {
+        match self {
+            Self::Constant(color) => *color,
+            Self::Round(color, shading) => lit(*color, shading.at(ray.x)),
+            Self::Dyed(weave, patch, surface) => {
+                let (nearness, normal, brightness) = match surface {
+                    SurfaceOnLine::Flat(plane) => (plane.dot(ray), **plane, patch.brightness),
+                    SurfaceOnLine::Round(quadric) => {
+                        let (nearness, normal) = quadric.entry(ray.x);
+                        (nearness, normal, light.on(&normal))
+                    }
+                };
+                lit(weave.dye(patch.color, ray, nearness, &normal), brightness)
             }
-        };
-        let color = match &mut self.weave {
-            Some(weave) => weave.dye(patch.color, &ray, nearness, &normal),
-            None => patch.color,
-        };
-        lit(color, brightness)
+        }
     }
 }
 
@@ -241,7 +255,12 @@ fn to_bytes(color: Color) -> [u8; 3] {
 
 fn fill(bytes: &mut [u8], color: [u8; 3]) {
     let block: [u8; 48] = std::array::from_fn(|i| color[i % 3]);
-    for part in bytes.chunks_mut(block.len()) {
-        part.copy_from_slice(&block[..part.len()]);
+    let mut filled = block.len().min(bytes.len());
+    bytes[..filled].copy_from_slice(&block[..filled]);
+    // What is filled is copied behind itself: a few long copies instead of many short ones.
+    while filled < bytes.len() {
+        let more = filled.min(bytes.len() - filled);
+        bytes.copy_within(..more, filled);
+        filled += more;
     }
 }

@@ -73,6 +73,25 @@ impl Renderer {
         Frame { color: self.color_of(&view), depth, instance }
     }
 
+    /// The number of pixels at whose centers a body is seen, by its number in [`Frame::instance`].
+    pub fn pixels_of(&self, instance: u16, scene: &Scene, robot_from_camera: &Isometry3<f64>) -> usize {
+        let view = View::new(scene, &self.camera, robot_from_camera);
+        let mut scanner = Scanner::new(&view);
+        let mut line = Line::default();
+        // Pixels whose centers lie to the left of an edge.
+        let left_of = |edge: f64| (edge - 0.5).ceil().max(0.0) as usize;
+        let mut pixels = 0;
+        for row in 0..self.camera.height {
+            scanner.trace(f64::from(row) + 0.5, &mut line);
+            for (&patch, edges) in line.patches.iter().zip(line.edges.windows(2)) {
+                if view.patches[usize::from(patch)].instance == instance {
+                    pixels += left_of(edges[1]) - left_of(edges[0]);
+                }
+            }
+        }
+        pixels
+    }
+
     fn color_of(&self, view: &View) -> RgbImage {
         let mut image = RgbImage::new(self.camera.width, self.camera.height);
         let mut canvas = Canvas::new(view, &mut image);

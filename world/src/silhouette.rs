@@ -30,6 +30,10 @@ pub(crate) struct CrossInView {
 }
 
 impl CrossInView {
+    fn transposed(&self) -> Self {
+        Self { axes: self.axes.map(|axis| axis.yxz()), ..self.clone() }
+    }
+
     fn contains(&self, point: &Vector3<f64>) -> bool {
         let [x, y, z] = [0, 1, 2].map(|i| self.axes[i].dot(point) - self.center[i]);
         z > 0.0 && (x.abs() < self.half_width || y.abs() < self.half_width)
@@ -65,6 +69,11 @@ impl Face {
             if normal.dot(&center) < 0.0 { -normal } else { normal }
         });
         (distance < -1e-9).then(|| Self { edges, plane: outward / distance, cross: None, patch })
+    }
+
+    fn transposed(&self) -> Self {
+        let cross = self.cross.as_ref().map(CrossInView::transposed);
+        Self { edges: self.edges.map(|edge| edge.yxz()), plane: self.plane.yxz(), cross, patch: self.patch }
     }
 
     fn strips(&self, line: &mut ImageLine) {
@@ -118,6 +127,15 @@ pub(crate) struct Ends {
 }
 
 impl Round {
+    fn transposed(&self) -> Self {
+        let cross = |cross: &Option<CrossInView>| cross.as_ref().map(CrossInView::transposed);
+        let ends = self.ends.as_ref().map(|Ends { axis, along, cap }| {
+            let cap = cap.as_ref().map(|(plane, on_cap, patch)| (plane.yxz(), cross(on_cap), *patch));
+            Ends { axis: axis.yxz(), along: *along, cap }
+        });
+        Self { quadric: self.quadric.transposed(), cross: cross(&self.cross), patch: self.patch, ends }
+    }
+
     fn strips(&self, line: &mut ImageLine) {
         line.begin(line.from, line.to);
         let quadric = self.quadric.on_line(line.y);
@@ -168,6 +186,16 @@ pub(crate) enum Silhouette {
     Round(Round),
 }
 
+impl Silhouette {
+    /// The silhouette in an image whose axes are exchanged: its lines are the columns of the image.
+    pub(crate) fn transposed(&self) -> Self {
+        match self {
+            Self::Face(face) => Self::Face(face.transposed()),
+            Self::Round(round) => Self::Round(round.transposed()),
+        }
+    }
+}
+
 /// Strips found on the image line with this y, between the image's left and right border.
 #[derive(Debug, Default)]
 pub(crate) struct ImageLine {
@@ -179,6 +207,11 @@ pub(crate) struct ImageLine {
 }
 
 impl ImageLine {
+    /// Between two borders.
+    pub(crate) fn new(from: f64, to: f64) -> Self {
+        Self { from, to, ..Self::default() }
+    }
+
     /// Appends the strips of a silhouette.
     pub(crate) fn add(&mut self, silhouette: &Silhouette) {
         match silhouette {

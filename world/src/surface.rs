@@ -3,7 +3,7 @@
 //! A ray through an image point is `(x, y, 1)`, so that its length parameter is the depth z. Surfaces answer with the
 //! *nearness* 1/z, which is linear over the image for a plane and 0 where there is nothing.
 
-use crate::scene::Color;
+use crate::scene::{Color, Light};
 use crate::texture::TextureInView;
 use nalgebra::{Matrix3, Vector3};
 
@@ -84,6 +84,14 @@ impl Quadric {
         Self { across, center, radius, power: center.norm_squared() - radius * radius }
     }
 
+    /// The quadric with its axes x and y exchanged.
+    pub(crate) fn transposed(&self) -> Self {
+        let mut across = self.across;
+        across.swap_rows(0, 1);
+        across.swap_columns(0, 1);
+        Self { across, center: self.center.yxz(), ..*self }
+    }
+
     /// Is the camera outside?
     pub(crate) fn is_in_view(&self) -> bool {
         self.power > 0.0
@@ -144,6 +152,21 @@ impl QuadricOnLine<'_> {
         (nearness, (point_across - self.quadric.center) * (1.0 / self.quadric.radius))
     }
 
+    /// Brightness along the line where rays enter. `light` is in the camera frame.
+    pub(crate) fn shading(&self, light: &Light) -> Shading {
+        let Quadric { across, center, radius, power } = self.quadric;
+        let along = |v: &Vector3<f64>| light.towards_light.dot(v) * (1.0 / radius);
+        Shading {
+            square: self.square,
+            towards: self.towards,
+            power: *power,
+            slope: along(&across.column(0).into_owned()),
+            offset: along(&self.offset_across),
+            center: along(center),
+            ambient: light.ambient,
+        }
+    }
+
     /// x of the rays that touch it.
     pub(crate) fn outline(&self) -> [f64; 2] {
         let ([s, h, c], [t, u]) = (self.square, self.towards);
@@ -161,6 +184,31 @@ impl QuadricOnLine<'_> {
             d * d * h - d * (t * m + u * n) + p * n * m,
             d * d * c - 2.0 * d * u * m + p * m * m,
         )
+    }
+}
+
+/// Brightness of a quadric along an image line: at the point `p = z r` the normal is `(across p - center) / radius`, and its
+/// product with the direction towards the light is `z (slope x + offset) - center`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shading {
+    square: [f64; 3],
+    towards: [f64; 2],
+    power: f64,
+    slope: f64,
+    offset: f64,
+    center: f64,
+    ambient: f64,
+}
+
+impl Shading {
+    /// At the ray with this x.
+    pub(crate) fn at(&self, x: f64) -> f64 {
+        let towards = self.towards[0] * x + self.towards[1];
+        let square = (self.square[0] * x + 2.0 * self.square[1]) * x + self.square[2];
+        let root = (towards * towards - square * self.power).max(0.0).sqrt();
+        let depth = self.power / (towards + root);
+        let cosine = (self.slope * x + self.offset) * depth - self.center;
+        self.ambient + (1.0 - self.ambient) * cosine.max(0.0)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::camera::Camera;
 use crate::geometry::overlap;
 use crate::scene::{Body, Color, Light, Scene, Table};
 use crate::shape::Shape;
-use crate::silhouette::{CrossInView, Ends, Face, Round, Silhouette};
+use crate::silhouette::{CrossInView, Ends, Face, ImageLine, Round, Silhouette};
 use crate::surface::{Patch, Quadric, Surface, roots};
 use crate::texture::TextureInView;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitVector3, Vector3};
@@ -20,7 +20,7 @@ pub(crate) struct View<'a> {
     pub(crate) patches: Vec<Patch>,
     /// Silhouettes, each with the heights in the image between which it lies \[pixels\].
     pub(crate) silhouettes: Vec<(Silhouette, [f64; 2])>,
-    /// Heights in the image where outlines begin, end or have a corner, and the image's borders \[pixels\].
+    /// Heights in the image where outlines begin, end, have a corner or leave it, and the image's borders \[pixels\].
     pub(crate) breaks: Vec<f64>,
     /// Do bodies stand in each other or in the table, so that visible surfaces may cross?
     pub(crate) crossing: bool,
@@ -57,6 +57,7 @@ impl<'a> View<'a> {
             view.add_body(body, instance, &camera_from_robot);
         }
         view.add_table(&scene.table, &camera_from_robot);
+        view.break_at_borders();
         view.settle_breaks();
         view
     }
@@ -69,6 +70,22 @@ impl<'a> View<'a> {
         let texture = table.texture.map(|t| TextureInView::new(t, &camera_from_table, self.camera.focal));
         let paint = Paint { instance: 0, color: table.color, cross: None, texture };
         self.add_face(&corners, &(camera_from_robot.rotation * Vector3::z()), &paint);
+    }
+
+    /// Notes where outlines meet the image's left and right border, beyond which nothing is looked at: what leaves the image there
+    /// begins or ends at a height that is no landmark of its own.
+    fn break_at_borders(&mut self) {
+        let Camera { width, height, focal, center, .. } = *self.camera;
+        let mut border = ImageLine::new(-center.y / focal, (f64::from(height) - center.y) / focal);
+        for (silhouette, _) in &self.silhouettes {
+            let transposed = silhouette.transposed();
+            for u in [0.0, f64::from(width)] {
+                border.y = (u - center.x) / focal;
+                border.add(&transposed);
+            }
+        }
+        let ends = border.strips.iter().flat_map(|strip| [strip.from, strip.to]);
+        self.breaks.extend(ends.map(|y| center.y + focal * y));
     }
 
     fn settle_breaks(&mut self) {

@@ -574,7 +574,7 @@ fn a_texture_far_finer_than_a_pixel_is_its_mean() {
         };
         // Colors of partly covered pixels are summed up in another order, which may round otherwise.
         assert!(greatest(2e-4) <= Some(1) && greatest(1e-9) <= Some(1));
-        assert!(greatest(2e-2) > Some(50));
+        assert!(greatest(2e-2) > Some(6));
     }
 }
 
@@ -607,6 +607,32 @@ fn a_textured_image_is_the_same_on_every_machine() {
         (digest ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
     });
     assert_eq!(digest, 3_083_197_819_151_740_288, "{digest}");
+}
+
+/// Where no line of a cell met what leaves the image sideways, it was missed.
+#[test]
+fn what_leaves_an_image_is_cut_at_its_border() {
+    let (camera, beside) = (camera(80, 60), 160);
+    let mut wide = camera.clone();
+    wide.width += 2 * beside;
+    wide.center.x += f64::from(beside);
+    for i in 0..300_u32 {
+        let turn = f64::from(i);
+        let to = [0.36 + 0.06 * (1.7 * turn).sin(), 0.18 + 0.06 * (2.3 * turn).cos(), 0.0];
+        let eye = [0.36 + 0.1 * turn.sin(), 0.18 + 0.1 * turn.cos(), 0.12 + 0.001 * f64::from(i % 97)];
+        let [image, whole] =
+            [&camera, &wide].map(|c| Renderer::new(c.clone()).color(&busy_scene(), &looking(eye, to)));
+        for (u, v, pixel) in image.enumerate_pixels() {
+            let others = whole.get_pixel(u + beside, v).0;
+            let difference = pixel.0.into_iter().zip(others).map(|(a, b)| a.abs_diff(b)).max();
+            // Cells differ, and with them the places at which a mantle's brightness is taken near its outline.
+            assert!(
+                difference <= Some(12),
+                "view {i}, pixel {u} {v}: {:?}, {others:?} in a wider image",
+                pixel.0
+            );
+        }
+    }
 }
 
 #[test]
