@@ -1,5 +1,9 @@
 //! The command line.
 
+mod exchange;
+
+pub(crate) use self::exchange::Exchange;
+
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use datagen::Part;
@@ -230,6 +234,9 @@ pub(crate) enum Model {
         checkpoint: PathBuf,
         /// The model's name.
         name: String,
+        /// Folder of an evaluation of this checkpoint, whose Table 1 is published as its metrics.
+        #[arg(long, value_name = "DIR")]
+        evaluation: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
@@ -271,4 +278,7 @@ pub(crate) enum Model {
         #[command(flatten)]
         registry: RegistryArgs,
     },
+    /// Commands that connect the registry with the rest of the world.
+    #[command(flatten)]
+    Exchange(Exchange),
 }

@@ -32,7 +32,17 @@ fn what_is_pulled_is_what_was_published() {
     let shown = folder.run("model show avoid@1 --json").ok().json();
     assert_eq!(shown["manifest"]["lineage"]["seed"], 5);
     assert_eq!(shown["manifest"]["lineage"]["datasets"]["avoid"], format!("sha256:{}", "ab".repeat(32)));
+    // What trained and what published it, and what goes in and comes out.
+    for software in ["flowservo", "burn", "rustc"] {
+        let version = shown["manifest"]["lineage"]["software"][software].as_str().unwrap();
+        assert!(version.starts_with(|c: char| c.is_ascii_digit()), "{software} {version}");
+    }
+    let interface = &shown["manifest"]["interface"];
+    assert_eq!(interface["input"]["width"], 32);
+    assert_eq!(interface["output"]["kind"], "avoidance_map");
+    assert_eq!(interface["camera"]["horizontal_fov_deg"], 60.0);
     folder.run("model pull avoid@1 --out pulled").ok();
+    assert!(folder.path("pulled/config.json").exists());
     assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "one");
     folder.run("model verify").ok();
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::checkpoint::check_paths;
 use crate::digest::{Digest, Fingerprint};
@@ -16,7 +17,8 @@ const TITLE: &str = "org.opencontainers.image.title";
 const VERSION: &str = "org.opencontainers.image.version";
 const CREATED: &str = "org.opencontainers.image.created";
 
-/// An OCI image manifest with the media types of the CNCF model format, and two properties of ours: `lineage` and `metrics`.
+/// An OCI image manifest with the media types of the CNCF model format, and three properties of ours: `lineage`, `metrics` and
+/// `interface`.
 ///
 /// Serialized the same way on every machine: fields in this order, maps sorted by key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,6 +41,9 @@ pub struct Manifest {
     pub lineage: Lineage,
     /// How good it is: name, with its unit as the last part (`position_error_mm`), and value.
     pub metrics: BTreeMap<String, f64>,
+    /// What goes in and what comes out, in the publisher's words.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub interface: BTreeMap<String, Value>,
 }
 
 /// One blob of a version.
@@ -89,6 +94,8 @@ pub struct Provenance {
     pub lineage: Lineage,
     /// How good it is: name, with its unit as the last part, and finite value.
     pub metrics: BTreeMap<String, f64>,
+    /// What goes in and what comes out, for people and for programs that know the publisher.
+    pub interface: BTreeMap<String, Value>,
     /// When it was made, in RFC 3339 (`2026-11-22T10:00:00Z`). The registry has no clock of its own.
     pub created: Option<String>,
 }
@@ -151,6 +158,7 @@ impl Manifest {
             annotations,
             lineage: provenance.lineage,
             metrics: provenance.metrics,
+            interface: provenance.interface,
         }
     }
 
@@ -252,6 +260,7 @@ mod tests {
         let provenance = Provenance {
             lineage: Lineage { seed: Some(u64::MAX), ..Lineage::default() },
             metrics: BTreeMap::from([("position_error_mm".into(), 0.1 + 0.2), ("b".into(), 5e-324)]),
+            interface: BTreeMap::from([("input".into(), serde_json::json!({ "scale": 2.0 / 255.0 }))]),
             created: None,
         };
         let mut manifest = Manifest::new(&name, &model_config(&name, &layers).unwrap(), layers, provenance);

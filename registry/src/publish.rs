@@ -176,6 +176,7 @@ mod tests {
                     software: BTreeMap::from([("burn".into(), "0.22.1".into())]),
                 },
                 metrics: BTreeMap::from([("position_error_mm".into(), 0.1 + 0.2), ("x".into(), 1e-300)]),
+                interface: BTreeMap::from([("input".into(), serde_json::json!(["image", 1.0 / 3.0]))]),
                 created: Some("2026-11-22T10:00:00Z".into()),
             };
             let checkpoint = place.checkpoint("checkpoint", b"weights");
@@ -185,6 +186,7 @@ mod tests {
             assert_eq!(&shown, published.version());
             assert_eq!(shown.manifest.lineage, provenance.lineage);
             assert_eq!(shown.manifest.metrics, provenance.metrics);
+            assert_eq!(shown.manifest.interface, provenance.interface);
             assert_eq!(shown.manifest.created(), provenance.created.as_deref());
         }
     }

@@ -4,6 +4,8 @@ mod dataset;
 mod eval;
 mod inspect;
 mod model;
+mod predict;
+mod provenance;
 mod replay;
 mod report;
 mod reproduce;

@@ -1,6 +1,6 @@
 //! `flowservo model`: the registry of versioned checkpoints.
 
-use super::print_json;
+use super::{predict, print_json, provenance};
 use crate::cli;
 use crate::config::bad_input;
 use crate::output::out;
@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 /// Runs one of the commands.
 pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
     match command {
-        cli::Model::Publish { checkpoint, name, registry } => {
-            let published = publish(&Registry::init(&registry.registry)?, checkpoint, name)?;
+        cli::Model::Publish { checkpoint, name, evaluation, registry } => {
+            let evaluation = evaluation.as_deref();
+            let published = publish(&Registry::init(&registry.registry)?, checkpoint, name, evaluation)?;
             print_json(json, published.version())
         }
         cli::Model::List { registry } => {
@@ -55,6 +56,9 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             Ok(())
         }
+        cli::Model::Exchange(cli::Exchange::Predict { model, images, registry }) => {
+            predict::run(&checkpoint(model, &registry.registry)?, images, json)
+        }
     }
 }
 
@@ -63,9 +67,14 @@ fn reference(text: &str) -> Result<ModelRef> {
 }
 
 /// Publishes a checkpoint as the next version of a name, and says so.
-pub(crate) fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Result<Published> {
+pub(crate) fn publish(
+    registry: &Registry,
+    checkpoint: &Path,
+    name: &str,
+    evaluation: Option<&Path>,
+) -> Result<Published> {
     let name: ModelName = name.parse().map_err(bad_input)?;
-    let provenance = super::train::provenance(checkpoint)?;
+    let provenance = provenance::of(checkpoint, evaluation)?;
     let published = registry.publish(&name, checkpoint, provenance)?;
     let ModelVersion { name, version, .. } = published.version();
     match &published {
