@@ -270,10 +270,17 @@ pub(crate) enum Model {
         registry: RegistryArgs,
     },
     /// Check every file of a model, or of the whole registry, against its digest.
-    #[command(after_help = "Example: flowservo model verify")]
+    #[command(after_help = "Examples:\n  flowservo model verify\n  \
+                            flowservo model verify approach@1 --public-key pub.pem --signature model.sig")]
     Verify {
-        /// NAME, NAME@VERSION or NAME@sha256:DIGEST; everything by default.
+        /// NAME, NAME@VERSION or NAME@sha256:DIGEST; everything by default. With --public-key also a model's folder.
         model: Option<String>,
+        /// Check the model's signature with this key, a PEM file.
+        #[arg(long, value_name = "PEM", requires = "model")]
+        public_key: Option<PathBuf>,
+        /// The signature.
+        #[arg(long, value_name = "FILE", default_value = "model.sig", requires = "public_key")]
+        signature: PathBuf,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,

@@ -17,18 +17,23 @@
 //! This crate knows files, not networks; it has no clock and no randomness.
 #![forbid(unsafe_code)]
 
+mod card;
 mod checkpoint;
 mod digest;
 mod error;
 #[cfg(test)]
 mod fixture;
+mod huggingface;
+mod import;
 mod manifest;
 mod name;
+mod oci;
 mod problem;
 mod publish;
 mod pull;
 mod reference;
 mod registry;
+mod signature;
 mod store;
 mod verify;
 
@@ -41,4 +46,5 @@ pub use publish::Published;
 pub use pull::Pulled;
 pub use reference::{ModelRef, Selector};
 pub use registry::{Model, ModelVersion, Registry};
+pub use signature::{PrivateKey, PublicKey, SignedFiles};
 pub use verify::Verification;

@@ -7,10 +7,11 @@ use serde_json::Value;
 
 use crate::checkpoint::check_paths;
 use crate::digest::{Digest, Fingerprint};
+use crate::error::Error;
 use crate::name::ModelName;
 
-const MANIFEST_TYPE: &str = "application/vnd.oci.image.manifest.v1+json";
-const ARTIFACT_TYPE: &str = "application/vnd.cncf.model.manifest.v1+json";
+pub(crate) const MANIFEST_TYPE: &str = "application/vnd.oci.image.manifest.v1+json";
+pub(crate) const ARTIFACT_TYPE: &str = "application/vnd.cncf.model.manifest.v1+json";
 const CONFIG_TYPE: &str = "application/vnd.cncf.model.config.v1+json";
 const FILE_PATH: &str = "org.cncf.model.filepath";
 const TITLE: &str = "org.opencontainers.image.title";
@@ -175,6 +176,22 @@ impl Manifest {
     /// Bytes of all files together.
     pub fn size(&self) -> u64 {
         self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.size))
+    }
+
+    /// Makes it the manifest of a version of `name`, whose configuration is the blob `config`.
+    pub(crate) fn rename(&mut self, name: &ModelName, config: &[u8]) {
+        self.annotations.insert(TITLE.into(), name.to_string());
+        self.config = Descriptor::config(config);
+    }
+
+    /// Reads a manifest of another registry, or says what is wrong with it.
+    pub(crate) fn parse_foreign(bytes: &[u8]) -> Result<Self, String> {
+        let manifest: Self = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+        let annotation = |key: &str| manifest.annotations.get(key).map_or("", String::as_str);
+        let name = annotation(TITLE).parse().map_err(|error: Error| format!("{TITLE}: {error}"))?;
+        let number = annotation(VERSION);
+        let number = number.parse().map_err(|_| format!("{VERSION} is `{number}`, expected a number"))?;
+        Self::parse(bytes, &name, number)
     }
 
     /// The bytes that are stored and digested.

@@ -53,7 +53,7 @@ impl Registry {
     }
 
     /// Creates `manifest` under the first free number, unless a version with the same files is met on the way.
-    fn number(&self, name: &ModelName, mut manifest: Manifest) -> Result<Published> {
+    pub(crate) fn number(&self, name: &ModelName, mut manifest: Manifest) -> Result<Published> {
         let mut examined = 0;
         let mut taken = 0;
         loop {
@@ -89,7 +89,7 @@ impl Registry {
     }
 
     /// Stores a checkpoint's file as a blob, unless it is there and intact.
-    fn keep_file(&self, file: &CheckpointFile) -> Result<()> {
+    pub(crate) fn keep_file(&self, file: &CheckpointFile) -> Result<()> {
         if self.store.inspect_blob(file.content.digest)? == Some(file.content)
             || self.store.put_file(file.content, &file.source)?
         {
@@ -100,7 +100,7 @@ impl Registry {
     }
 
     /// Stores a small document as a blob, unless it is there and intact.
-    fn keep_document(&self, bytes: &[u8]) -> Result<()> {
+    pub(crate) fn keep_document(&self, bytes: &[u8]) -> Result<()> {
         let digest = Digest::of(bytes);
         if self.store.inspect_blob(digest)?.is_some_and(|found| found.digest == digest) {
             return Ok(());

@@ -19,4 +19,25 @@ pub(crate) enum Exchange {
         #[command(flatten)]
         registry: RegistryArgs,
     },
+    /// Sign a model (OpenSSF Model Signing), offline, with a key of your own.
+    #[command(after_help = "Examples:\n  \
+                            openssl ecparam -name prime256v1 -genkey -noout -out key.pem\n  \
+                            openssl ec -in key.pem -pubout -out pub.pem\n  \
+                            flowservo model sign approach@1 --key key.pem --out approach-1.sig\n  \
+                            flowservo model verify approach@1 --public-key pub.pem --signature approach-1.sig\n\n\
+                            The signature holds for the files as `model pull` writes them, and other tools verify it:\n  \
+                            model_signing verify key FOLDER --signature approach-1.sig --public_key pub.pem")]
+    Sign {
+        /// NAME, NAME@VERSION or NAME@sha256:DIGEST, or a model's folder.
+        model: String,
+        /// Private key on the curve NIST P-256, a PEM file without password.
+        #[arg(long, value_name = "PEM")]
+        key: PathBuf,
+        /// The signature to write; a new file.
+        #[arg(long, value_name = "FILE", default_value = "model.sig")]
+        out: PathBuf,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
 }

@@ -4,6 +4,7 @@ mod dataset;
 mod eval;
 mod inspect;
 mod model;
+mod model_export;
 mod predict;
 mod provenance;
 mod replay;

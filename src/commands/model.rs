@@ -1,6 +1,6 @@
 //! `flowservo model`: the registry of versioned checkpoints.
 
-use super::{predict, print_json, provenance};
+use super::{model_export, print_json, provenance};
 use crate::cli;
 use crate::config::bad_input;
 use crate::output::out;
@@ -38,7 +38,10 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             print_json(json, pulled.version())
         }
-        cli::Model::Verify { model, registry } => {
+        cli::Model::Verify { model: Some(model), public_key: Some(key), signature, registry } => {
+            model_export::verify(model, key, signature, &registry.registry, json)
+        }
+        cli::Model::Verify { model, registry, .. } => {
             let asked = model.as_deref().map(reference).transpose()?;
             let found = Registry::open(&registry.registry)?.verify(asked.as_ref())?;
             for problem in &found.problems {
@@ -56,13 +59,12 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             Ok(())
         }
-        cli::Model::Exchange(cli::Exchange::Predict { model, images, registry }) => {
-            predict::run(&checkpoint(model, &registry.registry)?, images, json)
-        }
+        cli::Model::Exchange(command) => model_export::run(command, json),
     }
 }
 
-fn reference(text: &str) -> Result<ModelRef> {
+/// The version that a person names.
+pub(crate) fn reference(text: &str) -> Result<ModelRef> {
     text.parse().map_err(bad_input)
 }
 

@@ -2,6 +2,7 @@
 # Uses published models without flowservo, and compares: tests/python/models.sh [FLOWSERVO]
 #
 # - docs/load_in_pytorch.py gives the same output as `flowservo model predict` for pairs of PNG images, with every trunk.
+# - A signature of `flowservo model sign` is verified by the Python package model-signing, and the other way.
 #
 # FLOWSERVO is the program; by default the one that was built last. FLOWSERVO_PYTHON names an interpreter that has the packages
 # of models.txt. Without it they are installed, PyTorch among them, into target/python-models, with Python 3.11 or newer and the
@@ -63,3 +64,23 @@ train definet_gap approach a --set network.trunk=definet_gap
 train avoid avoid avoid
 train avoid_gap avoid avoid --set network.trunk=definet_gap
 "$python" "$here/models.py" "$program" images pulled/*
+
+# Signatures: ours are verified by the Python package, its by us; of what was changed by neither.
+command -v openssl >/dev/null || skip "no openssl to make keys"
+quietly openssl ecparam -name prime256v1 -genkey -noout -out key.pem
+quietly openssl ec -in key.pem -pubout -out pub.pem
+quietly openssl pkcs8 -topk8 -nocrypt -in key.pem -out key8.pem
+theirs() { "$python" -m model_signing "$@"; }
+refused() { if "$@" >errors 2>&1; then echo "not refused: $*" >&2; exit 1; fi; }
+flowservo model sign plain@1 --key key.pem --out ours.sig
+flowservo model sign plain@1 --key key8.pem --out ours8.sig
+cmp ours.sig ours8.sig
+quietly theirs verify key pulled/plain --signature ours.sig --public_key pub.pem
+quietly theirs sign key pulled/plain --signature theirs.sig --private_key key.pem
+flowservo model verify plain@1 --public-key pub.pem --signature theirs.sig
+flowservo model verify pulled/plain --public-key pub.pem --signature theirs.sig
+refused "$program" model verify definet@1 --public-key pub.pem --signature theirs.sig
+echo "# changed" >>pulled/plain/config.toml
+refused "$program" model verify pulled/plain --public-key pub.pem --signature theirs.sig
+refused theirs verify key pulled/plain --signature ours.sig --public_key pub.pem
+echo "signatures of either side are verified by the other"
