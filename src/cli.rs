@@ -2,7 +2,7 @@
 
 mod exchange;
 
-pub(crate) use self::exchange::Exchange;
+pub(crate) use self::exchange::{Exchange, ExportFormat};
 
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};

@@ -1,6 +1,5 @@
 //! A version as the folder of a model on the Hugging Face Hub, and back.
 
-use std::fs;
 use std::path::Path;
 
 use crate::card;
@@ -65,13 +64,14 @@ impl Registry {
 
     /// Whether a folder looks like one of these.
     pub fn is_huggingface(folder: &Path) -> bool {
-        fs::exists(folder.join(MANIFEST)).unwrap_or(false)
+        folder.join(MANIFEST).is_file()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::fs;
+
     use crate::fixture::{Place, model};
 
     #[test]

@@ -12,7 +12,8 @@
 //! Publishing writes blobs first and the numbered manifest last, so an interrupted publication leaves only blobs that no
 //! version names. A numbered manifest also stands among the blobs, byte for byte: the number finds it, the digest
 //! proves it. Manifests are OCI image manifests with the media types of the CNCF model format
-//! (<https://github.com/modelpack/model-spec>).
+//! (<https://github.com/modelpack/model-spec>). A version leaves the registry as a folder, an OCI image layout or a folder for the
+//! Hugging Face Hub, comes back from the latter two, and is signed by the rules of OpenSSF Model Signing.
 //!
 //! This crate knows files, not networks; it has no clock and no randomness.
 #![forbid(unsafe_code)]

@@ -1,7 +1,7 @@
 //! The commands of `model` that connect a registry with the rest of the world.
 
 use super::RegistryArgs;
-use clap::Subcommand;
+use clap::{Subcommand, ValueEnum};
 use std::path::PathBuf;
 
 /// The last commands of `model`.
@@ -40,4 +40,47 @@ pub(crate) enum Exchange {
         #[command(flatten)]
         registry: RegistryArgs,
     },
+    /// Write a version as a folder for the Hugging Face Hub, or as an OCI image layout for container registries.
+    #[command(after_help = "Examples:\n  \
+                            flowservo model export approach@1 --format huggingface --license apache-2.0 --out hub\n  \
+                            hf upload USER/approach hub\n\n  \
+                            flowservo model export approach@1 --format oci --out layout\n  \
+                            skopeo copy oci:layout:1 docker://HOST/approach:1\n\n\
+                            `flowservo model import` reads both.")]
+    Export {
+        /// NAME, NAME@VERSION or NAME@sha256:DIGEST.
+        model: String,
+        /// What to write.
+        #[arg(long, value_enum)]
+        format: ExportFormat,
+        /// Folder to write; a new one.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// The license that a Hugging Face card states, as the Hub calls it: apache-2.0, cc-by-4.0.
+        #[arg(long, value_name = "ID")]
+        license: Option<String>,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// Publish a model that was exported, with every digest checked.
+    #[command(after_help = "Example: flowservo model import layout approach")]
+    Import {
+        /// An OCI image layout, or a folder for the Hugging Face Hub.
+        folder: PathBuf,
+        /// The model's name here.
+        name: String,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+}
+
+/// A form in which others take models.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExportFormat {
+    /// A folder for the Hugging Face Hub: card, config.json, model.safetensors.
+    Huggingface,
+    /// An OCI image layout.
+    Oci,
 }

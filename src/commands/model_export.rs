@@ -1,11 +1,11 @@
-//! `flowservo model predict|sign|verify --public-key`: a model outside of its registry.
+//! `flowservo model predict|sign|verify --public-key|export|import`: a model outside of its registry.
 
 use super::{model, predict, print_json};
-use crate::cli::Exchange;
+use crate::cli::{Exchange, ExportFormat};
 use crate::config::bad_input;
 use crate::output::out;
 use anyhow::{Context, Result, anyhow, bail};
-use registry::{PrivateKey, PublicKey, Registry, SignedFiles};
+use registry::{ModelName, PrivateKey, PublicKey, Published, Registry, SignedFiles};
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -27,7 +27,51 @@ pub(crate) fn run(command: &Exchange, json: bool) -> Result<()> {
             out!("{}: signed {} files of {}", out.display(), files.files.len(), files.name);
             print_json(json, &serde_json::json!({ "signature": out, "files": files.files }))
         }
+        Exchange::Export { model, format, out, license, registry } => {
+            let opened = Registry::open(&registry.registry)?;
+            let reference = model::reference(model)?;
+            if license.is_some() && *format == ExportFormat::Oci {
+                return Err(bad_input(anyhow!(
+                    "--license goes with --format huggingface: an OCI layout has no card"
+                )));
+            }
+            let version = match format {
+                ExportFormat::Huggingface => {
+                    opened.export_huggingface(&reference, out, license.as_deref())?
+                }
+                ExportFormat::Oci => opened.export_oci(&reference, out)?,
+            };
+            out!("{}: {version}, every digest checked", out.display());
+            print_json(json, &version)
+        }
+        Exchange::Import { folder, name, registry } => {
+            let published = import(folder, name, &registry.registry)?;
+            let version = published.version();
+            match &published {
+                Published::New(_) => out!("published {version}  {}", version.digest),
+                Published::AlreadyThere(_) => {
+                    out!("{version} has this content already; nothing was published");
+                }
+            }
+            print_json(json, version)
+        }
     }
+}
+
+/// Publishes an exported model.
+fn import(folder: &Path, name: &str, registry: &Path) -> Result<Published> {
+    let name: ModelName = name.parse().map_err(bad_input)?;
+    if Registry::is_oci(folder) {
+        return Ok(Registry::init(registry)?.import_oci(&name, folder)?);
+    }
+    if Registry::is_huggingface(folder) {
+        return Ok(Registry::init(registry)?.import_huggingface(&name, folder)?);
+    }
+    Err(bad_input(anyhow!(
+        "{} holds neither `oci-layout` nor `manifest.json`: it is no exported model; `flowservo model publish` takes a \
+         checkpoint's folder",
+        folder.display()
+    )))
 }
 
 /// Verifies a signature of a model in a folder or in the registry.

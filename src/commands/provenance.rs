@@ -26,8 +26,16 @@ pub(crate) fn of(checkpoint: &Path, evaluation: Option<&Path>) -> Result<Provena
     else {
         unreachable!("a structure with named fields")
     };
+    let purpose = match info.task {
+        Task::Approach { .. } => {
+            "CNN_approach: from the current and the goal image to the motion of the hand that makes one the other"
+        }
+        Task::Avoidance { .. } => "CNN_avoid: from the current image to the risk of each direction of motion",
+    };
     let told = ["camera", "input", "output"];
-    let interface = described.into_iter().filter(|(key, _)| told.contains(&key.as_str())).collect();
+    let mut interface: BTreeMap<_, _> =
+        described.into_iter().filter(|(key, _)| told.contains(&key.as_str())).collect();
+    interface.insert("purpose".to_owned(), purpose.into());
     Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created: None })
 }
 

@@ -3,6 +3,7 @@
 #
 # - docs/load_in_pytorch.py gives the same output as `flowservo model predict` for pairs of PNG images, with every trunk.
 # - A signature of `flowservo model sign` is verified by the Python package model-signing, and the other way.
+# - The library of the Hugging Face Hub reads card and metrics of an exported model.
 #
 # FLOWSERVO is the program; by default the one that was built last. FLOWSERVO_PYTHON names an interpreter that has the packages
 # of models.txt. Without it they are installed, PyTorch among them, into target/python-models, with Python 3.11 or newer and the
@@ -64,6 +65,10 @@ train definet_gap approach a --set network.trunk=definet_gap
 train avoid avoid avoid
 train avoid_gap avoid avoid --set network.trunk=definet_gap
 "$python" "$here/models.py" "$program" images pulled/*
+
+# The folder for the Hugging Face Hub, by its own library and by the example.
+flowservo model export avoid@1 --format huggingface --license apache-2.0 --out hub/avoid
+"$python" "$here/hub.py" hub/avoid pulled/avoid
 
 # Signatures: ours are verified by the Python package, its by us; of what was changed by neither.
 command -v openssl >/dev/null || skip "no openssl to make keys"

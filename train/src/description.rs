@@ -62,9 +62,9 @@ pub enum Output {
         /// robot's frame.
         label: LabelForm,
         /// Names of the numbers.
-        axes: [&'static str; 6],
+        axes: Vec<&'static str>,
         /// Their units.
-        units: [&'static str; 6],
+        units: Vec<&'static str>,
         /// In these units.
         mean: Vec<f64>,
         /// In these units.
@@ -87,8 +87,8 @@ impl Description {
                 let standardization = info.standardization.clone()?;
                 let output = Output::PoseChange {
                     label: *label,
-                    axes: ["x", "y", "z", "phi", "theta", "psi"],
-                    units: ["m", "m", "m", "rad", "rad", "rad"],
+                    axes: vec!["x", "y", "z", "phi", "theta", "psi"],
+                    units: vec!["m", "m", "m", "rad", "rad", "rad"],
                     mean: standardization.mean,
                     scale: standardization.scale,
                 };
