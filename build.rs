@@ -1,4 +1,4 @@
-//! Notes the revision of the code, which published models carry in their lineage.
+//! Notes the revision of the code and the versions of compiler and Burn, which published models carry in their lineage.
 
 #![allow(clippy::print_stdout)] // This is how a build script speaks.
 
@@ -11,6 +11,17 @@ fn main() {
         let revision = String::from_utf8_lossy(&output.stdout);
         println!("cargo::rustc-env=FLOWSERVO_REVISION={}", revision.trim());
     }
+    let rustc =
+        std::env::var_os("RUSTC").and_then(|rustc| Command::new(rustc).arg("--version").output().ok());
+    if let Some(version) = rustc.and_then(|output| String::from_utf8(output.stdout).ok()) {
+        println!("cargo::rustc-env=FLOWSERVO_RUSTC={}", version.trim().trim_start_matches("rustc "));
+    }
+    let lock = std::fs::read_to_string("Cargo.lock").unwrap_or_default();
+    let burn = lock.split_once("name = \"burn\"\nversion = \"").and_then(|(_, rest)| rest.split_once('"'));
+    if let Some((version, _)) = burn {
+        println!("cargo::rustc-env=FLOWSERVO_BURN={version}");
+    }
+    println!("cargo::rerun-if-changed=Cargo.lock");
     println!("cargo::rerun-if-changed=build.rs");
     if std::path::Path::new(".git/logs/HEAD").exists() {
         println!("cargo::rerun-if-changed=.git/logs/HEAD");

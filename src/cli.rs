@@ -1,13 +1,15 @@
 //! The command line.
 
+mod exchange;
 mod model;
+
+pub(crate) use exchange::{Exchange, ExportFormat};
+pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
 
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use datagen::Part;
 use std::path::PathBuf;
-
-pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
 
 /// Learned visual servoing in virtual environments: datasets, networks, servo sessions, and the paper's tables.
 #[derive(Debug, Parser)]
@@ -234,6 +236,9 @@ pub(crate) enum Model {
         checkpoint: PathBuf,
         /// The model's name.
         name: String,
+        /// Folder of an evaluation of this checkpoint, whose Table 1 is published as its metrics.
+        #[arg(long, value_name = "DIR")]
+        evaluation: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
@@ -267,10 +272,17 @@ pub(crate) enum Model {
         registry: RegistryArgs,
     },
     /// Check every file of a model, or of the whole registry, against its digest.
-    #[command(after_help = "Example: flowservo model verify")]
+    #[command(after_help = "Examples:\n  flowservo model verify\n  \
+                            flowservo model verify approach@1 --public-key pub.pem --signature model.sig")]
     Verify {
-        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST; everything by default.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST; everything by default. With --public-key also a model's folder.
         model: Option<String>,
+        /// Check the model's signature with this key, a PEM file.
+        #[arg(long, value_name = "PEM", requires = "model")]
+        public_key: Option<PathBuf>,
+        /// The signature.
+        #[arg(long, value_name = "FILE", default_value = "model.sig", requires = "public_key")]
+        signature: PathBuf,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
@@ -303,4 +315,7 @@ pub(crate) enum Model {
         #[command(flatten)]
         registry: RegistryArgs,
     },
+    /// Commands that connect the registry with the rest of the world.
+    #[command(flatten)]
+    Exchange(Exchange),
 }

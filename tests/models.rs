@@ -1,4 +1,4 @@
-//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff.
+//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign.
 
 use crate::support::Folder;
 
@@ -32,7 +32,17 @@ fn what_is_pulled_is_what_was_published() {
     let shown = folder.run("model show avoid@1 --json").ok().json();
     assert_eq!(shown["manifest"]["lineage"]["seed"], 5);
     assert_eq!(shown["manifest"]["lineage"]["datasets"]["avoid"], format!("sha256:{}", "ab".repeat(32)));
+    // What trained and what published it, and what goes in and comes out.
+    for software in ["flowservo", "burn", "rustc"] {
+        let version = shown["manifest"]["lineage"]["software"][software].as_str().unwrap();
+        assert!(version.starts_with(|c: char| c.is_ascii_digit()), "{software} {version}");
+    }
+    let interface = &shown["manifest"]["interface"];
+    assert_eq!(interface["input"]["width"], 32);
+    assert_eq!(interface["output"]["kind"], "avoidance_map");
+    assert_eq!(interface["camera"]["horizontal_fov_deg"], 60.0);
     folder.run("model pull avoid@1 --out pulled").ok();
+    assert!(folder.path("pulled/config.json").exists());
     assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "one");
     folder.run("model verify").ok();
 }
@@ -185,4 +195,69 @@ fn differences_of_two_versions_are_told() {
     assert_eq!(found["lineage"][0]["key"], "config");
     let same = folder.run("model diff avoid@1 avoid@1").ok().stdout();
     assert!(same.contains("configuration: the same") && same.contains("files: the same"), "{same}");
+}
+
+/// Exported, imported into another registry under the same name: the same version, also by its digest.
+#[test]
+fn models_go_out_and_come_back() {
+    let folder = Folder::new();
+    checkpoint(&folder, "run", "the weights");
+    folder.run("model publish run avoid").ok();
+    let digest = folder.run("model show avoid --json").ok().json()["digest"].clone();
+    for (format, further) in [("oci", ""), ("huggingface", "--license cc0-1.0")] {
+        folder.run(&format!("model export avoid@1 --format {format} --out {format} {further}")).ok();
+        folder.run(&format!("model export avoid@1 --format {format} --out {format}")).fails(1, &[format]);
+        let imported =
+            folder.run(&format!("model import {format} avoid --registry {format}-registry --json")).ok();
+        assert_eq!(imported.json()["digest"], digest);
+        let pulled = format!("model pull avoid@1 --registry {format}-registry --out {format}-pulled");
+        folder.run(&pulled).ok();
+        assert_eq!(folder.files(&format!("{format}-pulled")), folder.files("run"));
+    }
+    let card = std::fs::read_to_string(folder.path("huggingface/README.md")).unwrap();
+    assert!(card.starts_with("---\nlicense: \"cc0-1.0\"\n") && card.contains("CNN_avoid"), "{card}");
+    for file in ["config.json", "model.safetensors", "model.json", "config.toml"] {
+        assert!(folder.path("huggingface").join(file).exists(), "{file}");
+    }
+    std::fs::write(folder.path("huggingface/model.safetensors"), "the Weights").unwrap();
+    folder.run("model import huggingface avoid --registry new").fails(1, &["model.safetensors", "digest"]);
+    folder.run("model import run avoid").fails(2, &["run", "model publish"]);
+    folder.run("model export avoid --format oci --license mit --out x").fails(2, &["--license"]);
+}
+
+/// The example key of RFC 6979, appendix A.2.5, which everybody knows.
+const KEY: &str = "-----BEGIN EC PRIVATE KEY-----\n\
+MHcCAQEEIMmvqdhFunUWa1whV2ex1pNOUMPbNuibEnuKYisSD2choAoGCCqGSM49\n\
+AwEHoUQDQgAEYP7UuiVanTHJYet0xjVtaMBJuJI7Yfps5mliLmDyn7Z5A/4QCLi8\n\
+maQa6elWKLxk8vGyDC1+n1F3o8KU1EYimQ==\n\
+-----END EC PRIVATE KEY-----\n";
+const PUBLIC_KEY: &str = "-----BEGIN PUBLIC KEY-----\n\
+MFkwEwYHKoZIzj0CAQYIKoZIzj0DAQcDQgAEYP7UuiVanTHJYet0xjVtaMBJuJI7\n\
+Yfps5mliLmDyn7Z5A/4QCLi8maQa6elWKLxk8vGyDC1+n1F3o8KU1EYimQ==\n\
+-----END PUBLIC KEY-----\n";
+
+#[test]
+fn a_signature_holds_for_what_was_signed() {
+    let folder = Folder::new();
+    checkpoint(&folder, "first", "one");
+    checkpoint(&folder, "second", "two");
+    folder.write("key.pem", KEY);
+    folder.write("pub.pem", PUBLIC_KEY);
+    folder.run("model publish first avoid").ok();
+    folder.run("model publish second avoid").ok();
+    folder.run("model sign avoid@1 --key key.pem --out one.sig").ok();
+    folder.run("model sign avoid@1 --key key.pem --out one.sig").fails(1, &["one.sig", "never"]);
+    folder.run("model sign avoid@1 --key pub.pem --out x.sig").fails(2, &["pub.pem", "private key"]);
+    folder.run("model pull avoid@1 --out pulled").ok();
+    for model in ["avoid@1", "pulled"] {
+        folder.run(&format!("model verify {model} --public-key pub.pem --signature one.sig")).ok();
+    }
+    let other = "model verify avoid@2 --public-key pub.pem --signature one.sig";
+    folder.run(other).fails(1, &["one.sig", "weights.safetensors"]);
+    folder.run("model verify avoid@1 --public-key key.pem --signature one.sig").fails(2, &["public key"]);
+    folder.run("model verify --public-key pub.pem").fails(2, &["MODEL"]);
+    folder.write("pulled/weights.safetensors", "One");
+    folder
+        .run("model verify pulled --public-key pub.pem --signature one.sig")
+        .fails(1, &["weights.safetensors"]);
 }

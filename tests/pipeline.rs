@@ -99,6 +99,11 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     let by_name = folder.run(&format!("{eval} --approach approach@1 --out e1 --json")).ok().json();
     let by_path = folder.run(&format!("{eval} --approach run/best --out e2 --json")).ok().json();
     assert_eq!(by_name["position_norm_mm"], by_path["position_norm_mm"]);
+    // What the sessions say is published with it; those of another network are refused.
+    folder.run("model publish run/best measured --evaluation e2").ok();
+    let metrics = &folder.run("model show measured --json").ok().json()["manifest"]["metrics"];
+    assert_eq!(metrics["table1_position_norm_mm"], by_path["position_norm_mm"]);
+    assert!(metrics["validation_position_error_mm"].as_f64().unwrap() > 0.0);
     assert!(folder.path("e1/table1.md").exists() && folder.path("e1/config.toml").exists());
     // The paper's own label and network, the baseline and FlowNetC go the same way.
     for (run, network) in [
@@ -109,6 +114,9 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
         folder.run(&format!("train {} --data a --out {run} {tiny} {network}", train.display())).ok();
         let result = folder.run(&format!("{eval} --approach {run}/best --out e-{run} --json")).ok().json();
         assert!(result["position_norm_mm"].as_f64().is_some_and(f64::is_finite), "{result}");
+        folder
+            .run(&format!("model publish {run}/best other --evaluation e2"))
+            .fails(2, &["e2/config.toml", "run/best"]);
     }
 }
 

@@ -86,6 +86,7 @@ fn millimetres_and_degrees_stay_at_the_edges() {
     let edges = [
         "config",
         "commands/train",
+        "commands/provenance",
         "commands/inspect",
         "error",
         "units",

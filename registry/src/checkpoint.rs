@@ -32,8 +32,13 @@ pub(crate) fn read(root: &Path) -> Result<Vec<CheckpointFile>> {
 /// Path in the checkpoint and place of all files in folder `root`, sorted by path. Links, empty folders, special files
 /// and names that some system would not take are refused: what is published must be delivered as it was.
 pub(crate) fn list(root: &Path) -> Result<Vec<(String, PathBuf)>> {
+    list_except(root, &[])
+}
+
+/// The same without the files and folders directly in `root` that are called so.
+pub(crate) fn list_except(root: &Path, ignored: &[&str]) -> Result<Vec<(String, PathBuf)>> {
     let mut found = Vec::new();
-    walk(root, "", &mut found)?;
+    walk(root, "", ignored, &mut found)?;
     found.sort();
     let paths = found.iter().map(|(path, _)| path.as_str());
     check_paths(paths).map_err(|reason| Error::Checkpoint { path: root.to_owned(), reason })?;
@@ -45,7 +50,7 @@ pub(crate) fn fingerprint(source: &Path) -> Result<Fingerprint> {
     File::open(source).and_then(Fingerprint::of).map_err(Error::io("read", source))
 }
 
-fn walk(folder: &Path, prefix: &str, found: &mut Vec<(String, PathBuf)>) -> Result<()> {
+fn walk(folder: &Path, prefix: &str, ignored: &[&str], found: &mut Vec<(String, PathBuf)>) -> Result<()> {
     let before = found.len();
     for entry in fs::read_dir(folder).map_err(Error::io("read the folder", folder))? {
         let entry = entry.map_err(Error::io("read the folder", folder))?;
@@ -53,10 +58,13 @@ fn walk(folder: &Path, prefix: &str, found: &mut Vec<(String, PathBuf)>) -> Resu
         let refuse = |reason: &str| Error::Checkpoint { path: source.clone(), reason: reason.to_owned() };
         let name =
             entry.file_name().into_string().map_err(|_| refuse("the name is not Unicode; rename it"))?;
+        if ignored.contains(&name.as_str()) {
+            continue;
+        }
         let path = format!("{prefix}{name}");
         let kind = entry.file_type().map_err(Error::io("read", &source))?;
         if kind.is_dir() {
-            walk(&source, &format!("{path}/"), found)?;
+            walk(&source, &format!("{path}/"), &[], found)?;
         } else if kind.is_file() {
             found.push((path, source));
         } else {

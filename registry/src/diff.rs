@@ -169,7 +169,7 @@ mod tests {
             ..Lineage::default()
         };
         let metrics = BTreeMap::from([("loss".to_owned(), 0.25), (metric.0.to_owned(), metric.1)]);
-        let provenance = Provenance { lineage, metrics, created: None };
+        let provenance = Provenance { lineage, metrics, ..Provenance::default() };
         registry.publish(&model("approach"), &checkpoint, provenance).unwrap();
     }
 

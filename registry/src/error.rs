@@ -164,6 +164,26 @@ pub enum Error {
         /// Why it cannot be used.
         reason: String,
     },
+    /// What comes from elsewhere is not what it claims to be.
+    #[error("{} {reason}; nothing was published", path.display())]
+    Import {
+        /// The offending file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A key cannot be read.
+    #[error("the key {reason}")]
+    Key {
+        /// What is wrong with it and what to do.
+        reason: String,
+    },
+    /// A signature does not hold.
+    #[error("the signature does not hold: {reason}")]
+    Signature {
+        /// Why.
+        reason: String,
+    },
     /// A local file or folder could not be read or written.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {

@@ -15,12 +15,15 @@
 //! version names. A numbered manifest also stands among the blobs, byte for byte: the number finds it, the digest
 //! proves it. So do entries about aliases and yanked versions, each of which also names the digest of the one before. What
 //! nothing names any more is garbage, the only thing that is ever deleted. Manifests are OCI image manifests with the media
-//! types of the CNCF model format (<https://github.com/modelpack/model-spec>).
+//! types of the CNCF model format (<https://github.com/modelpack/model-spec>). A version leaves the registry as a folder, an OCI
+//! image layout or a folder for the Hugging Face Hub, comes back from the latter two, and is signed by the rules of OpenSSF Model
+//! Signing.
 //!
 //! This crate knows files, not networks; it has no clock and no randomness.
 #![forbid(unsafe_code)]
 
 mod alias;
+mod card;
 mod checkpoint;
 mod diff;
 mod digest;
@@ -28,14 +31,18 @@ mod error;
 #[cfg(test)]
 mod fixture;
 mod gc;
+mod huggingface;
+mod import;
 mod log;
 mod manifest;
 mod name;
+mod oci;
 mod problem;
 mod publish;
 mod pull;
 mod reference;
 mod registry;
+mod signature;
 mod store;
 mod verify;
 mod yank;
@@ -53,4 +60,5 @@ pub use publish::Published;
 pub use pull::Pulled;
 pub use reference::{ModelRef, Selector};
 pub use registry::{Model, ModelVersion, Registry};
+pub use signature::{PrivateKey, PublicKey, SignedFiles};
 pub use verify::Verification;

@@ -3,20 +3,23 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::checkpoint::check_paths;
 use crate::digest::{Digest, Fingerprint};
+use crate::error::Error;
 use crate::name::ModelName;
 
-const MANIFEST_TYPE: &str = "application/vnd.oci.image.manifest.v1+json";
-const ARTIFACT_TYPE: &str = "application/vnd.cncf.model.manifest.v1+json";
+pub(crate) const MANIFEST_TYPE: &str = "application/vnd.oci.image.manifest.v1+json";
+pub(crate) const ARTIFACT_TYPE: &str = "application/vnd.cncf.model.manifest.v1+json";
 const CONFIG_TYPE: &str = "application/vnd.cncf.model.config.v1+json";
 const FILE_PATH: &str = "org.cncf.model.filepath";
 const TITLE: &str = "org.opencontainers.image.title";
 const VERSION: &str = "org.opencontainers.image.version";
 const CREATED: &str = "org.opencontainers.image.created";
 
-/// An OCI image manifest with the media types of the CNCF model format, and two properties of ours: `lineage` and `metrics`.
+/// An OCI image manifest with the media types of the CNCF model format, and three properties of ours: `lineage`, `metrics` and
+/// `interface`.
 ///
 /// Serialized the same way on every machine: fields in this order, maps sorted by key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,6 +42,9 @@ pub struct Manifest {
     pub lineage: Lineage,
     /// How good it is: name, with its unit as the last part (`position_error_mm`), and value.
     pub metrics: BTreeMap<String, f64>,
+    /// What goes in and what comes out, in the publisher's words.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub interface: BTreeMap<String, Value>,
 }
 
 /// One blob of a version.
@@ -89,6 +95,8 @@ pub struct Provenance {
     pub lineage: Lineage,
     /// How good it is: name, with its unit as the last part, and finite value.
     pub metrics: BTreeMap<String, f64>,
+    /// What goes in and what comes out, for people and for programs that know the publisher.
+    pub interface: BTreeMap<String, Value>,
     /// When it was made, in RFC 3339 (`2026-11-22T10:00:00Z`). The registry has no clock of its own.
     pub created: Option<String>,
 }
@@ -151,6 +159,7 @@ impl Manifest {
             annotations,
             lineage: provenance.lineage,
             metrics: provenance.metrics,
+            interface: provenance.interface,
         }
     }
 
@@ -167,6 +176,22 @@ impl Manifest {
     /// Bytes of all files together.
     pub fn size(&self) -> u64 {
         self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.size))
+    }
+
+    /// Makes it the manifest of a version of `name`, whose configuration is the blob `config`.
+    pub(crate) fn rename(&mut self, name: &ModelName, config: &[u8]) {
+        self.annotations.insert(TITLE.into(), name.to_string());
+        self.config = Descriptor::config(config);
+    }
+
+    /// Reads a manifest of another registry, or says what is wrong with it.
+    pub(crate) fn parse_foreign(bytes: &[u8]) -> Result<Self, String> {
+        let manifest: Self = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+        let annotation = |key: &str| manifest.annotations.get(key).map_or("", String::as_str);
+        let name = annotation(TITLE).parse().map_err(|error: Error| format!("{TITLE}: {error}"))?;
+        let number = annotation(VERSION);
+        let number = number.parse().map_err(|_| format!("{VERSION} is `{number}`, expected a number"))?;
+        Self::parse(bytes, &name, number)
     }
 
     /// The bytes that are stored and digested.
@@ -252,6 +277,7 @@ mod tests {
         let provenance = Provenance {
             lineage: Lineage { seed: Some(u64::MAX), ..Lineage::default() },
             metrics: BTreeMap::from([("position_error_mm".into(), 0.1 + 0.2), ("b".into(), 5e-324)]),
+            interface: BTreeMap::from([("input".into(), serde_json::json!({ "scale": 2.0 / 255.0 }))]),
             created: None,
         };
         let mut manifest = Manifest::new(&name, &model_config(&name, &layers).unwrap(), layers, provenance);

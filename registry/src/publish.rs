@@ -50,12 +50,12 @@ impl Registry {
         for file in &files {
             self.keep_file(file, &mut references)?;
         }
-        self.keep_config(&config, &mut references)?;
+        self.keep_document(&config, &mut references)?;
         self.number(name, Manifest::new(name, &config, layers, provenance))
     }
 
     /// Creates `manifest` under the first free number, unless a version with the same files is met on the way.
-    fn number(&self, name: &ModelName, mut manifest: Manifest) -> Result<Published> {
+    pub(crate) fn number(&self, name: &ModelName, mut manifest: Manifest) -> Result<Published> {
         let mut examined = 0;
         let mut taken = 0;
         loop {
@@ -106,7 +106,7 @@ impl Registry {
     }
 
     /// Stores a checkpoint's file as a blob, unless it is kept.
-    fn keep_file(&self, file: &CheckpointFile, references: &mut Option<References>) -> Result<()> {
+    pub(crate) fn keep_file(&self, file: &CheckpointFile, references: &mut Option<References>) -> Result<()> {
         if self.is_kept(file.content, references)? || self.store.put_file(file.content, &file.source)? {
             return Ok(());
         }
@@ -114,8 +114,8 @@ impl Registry {
         Err(Error::Checkpoint { path: file.source.clone(), reason })
     }
 
-    /// Stores a version's configuration as a blob, unless it is kept.
-    fn keep_config(&self, bytes: &[u8], references: &mut Option<References>) -> Result<()> {
+    /// Stores a small document as a blob, unless it is kept.
+    pub(crate) fn keep_document(&self, bytes: &[u8], references: &mut Option<References>) -> Result<()> {
         let content = Fingerprint { digest: Digest::of(bytes), size: bytes.len() as u64 };
         if self.is_kept(content, references)? {
             return Ok(());
@@ -191,6 +191,7 @@ mod tests {
                     software: BTreeMap::from([("burn".into(), "0.22.1".into())]),
                 },
                 metrics: BTreeMap::from([("position_error_mm".into(), 0.1 + 0.2), ("x".into(), 1e-300)]),
+                interface: BTreeMap::from([("input".into(), serde_json::json!(["image", 1.0 / 3.0]))]),
                 created: Some("2026-11-22T10:00:00Z".into()),
             };
             let checkpoint = place.checkpoint("checkpoint", b"weights");
@@ -200,6 +201,7 @@ mod tests {
             assert_eq!(&shown, published.version());
             assert_eq!(shown.manifest.lineage, provenance.lineage);
             assert_eq!(shown.manifest.metrics, provenance.metrics);
+            assert_eq!(shown.manifest.interface, provenance.interface);
             assert_eq!(shown.manifest.created(), provenance.created.as_deref());
         }
     }

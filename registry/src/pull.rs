@@ -59,23 +59,35 @@ impl Registry {
 
     /// Writes one file of `version` below `root` and verifies it.
     fn deliver(&self, version: &ModelVersion, layer: &Descriptor, root: &Path) -> Result<()> {
-        let name = layer.path().unwrap_or_default();
-        let path = root.join(name);
-        let folder = path.parent().unwrap_or(root);
-        fs::create_dir_all(folder).map_err(Error::io("create the folder", folder))?;
-        let mut file = File::create_new(&path).map_err(Error::io("write", &path))?;
+        self.write_blob(version, layer, &root.join(layer.path().unwrap_or_default()))
+    }
+
+    /// Writes one blob of `version` to the new file `path` and verifies it.
+    pub(crate) fn write_blob(&self, version: &ModelVersion, layer: &Descriptor, path: &Path) -> Result<()> {
+        let mut file = create_new(path)?;
         let found = self
             .store
-            .read_blob(layer.digest, &mut |piece| file.write_all(piece).map_err(Error::io("write", &path)))?;
+            .read_blob(layer.digest, &mut |piece| file.write_all(piece).map_err(Error::io("write", path)))?;
         if let Some(fault) = Fault::of_blob(layer.content(), found) {
-            let object = blob_key(layer.digest);
-            return Err(
-                Problem { model: Some(version.to_string()), file: Some(name.into()), object, fault }.into()
-            );
+            let (model, file) = (Some(version.to_string()), layer.path().map(str::to_owned));
+            return Err(Problem { model, file, object: blob_key(layer.digest), fault }.into());
         }
         // On disk before the folder gets its name: a power cut must not leave a named folder with empty files.
-        file.sync_all().map_err(Error::io("write", &path))
+        file.sync_all().map_err(Error::io("write", path))
     }
+}
+
+/// A new file, with the folders above it.
+fn create_new(path: &Path) -> Result<File> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    fs::create_dir_all(folder).map_err(Error::io("create the folder", folder))?;
+    File::create_new(path).map_err(Error::io("write", path))
+}
+
+/// Writes a small new file.
+pub(crate) fn write_new(path: &Path, content: &[u8]) -> Result<()> {
+    let mut file = create_new(path)?;
+    file.write_all(content).and_then(|()| file.sync_all()).map_err(Error::io("write", path))
 }
 
 /// Accepts an existing destination if it holds exactly the files of `version`.
@@ -110,12 +122,13 @@ fn holds(folder: &Path, layers: &[Descriptor]) -> Result<bool> {
 }
 
 /// A folder beside the destination, removed when dropped, unless it was renamed.
-struct Staged {
-    folder: PathBuf,
+pub(crate) struct Staged {
+    pub(crate) folder: PathBuf,
 }
 
 impl Staged {
-    fn beside(destination: &Path, version: &ModelVersion) -> Result<Self> {
+    /// A new folder for what will lie at `destination`.
+    pub(crate) fn beside(destination: &Path, version: &ModelVersion) -> Result<Self> {
         let Some(name) = destination.file_name() else {
             let (path, model) = (destination.to_owned(), version.to_string());
             return Err(Error::Destination { path, model, reason: "is not the name of a new folder".into() });
@@ -134,6 +147,15 @@ impl Staged {
                 Err(error) => return Err(Error::io("create the folder", &folder)(error)),
             }
         }
+    }
+
+    /// Gives the folder its name, which must be free.
+    pub(crate) fn finish(&self, destination: &Path, version: &ModelVersion) -> Result<()> {
+        if fs::symlink_metadata(destination).is_ok() {
+            let (path, model) = (destination.to_owned(), version.to_string());
+            return Err(Error::Destination { path, model, reason: "exists".into() });
+        }
+        fs::rename(&self.folder, destination).map_err(Error::io("write", destination))
     }
 }
 

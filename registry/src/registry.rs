@@ -202,6 +202,17 @@ impl Registry {
         Ok(Error::NoModel { root: self.store.root().to_owned(), name: name.to_string(), known })
     }
 
+    /// The manifest of a version as it is stored.
+    pub(crate) fn manifest_bytes(&self, version: &ModelVersion) -> Result<Vec<u8>> {
+        let key = version_key(&version.name, version.version);
+        let bytes = self.store.read(&key)?.unwrap_or_default();
+        if Digest::of(&bytes) == version.digest {
+            return Ok(bytes);
+        }
+        let fault = Fault::Altered { digest: Digest::of(&bytes) };
+        Err(Problem { model: Some(version.to_string()), file: None, object: key, fault }.into())
+    }
+
     /// Version `number` of `name`; [`Error::Damaged`] if its manifest is not the one that was published.
     pub(crate) fn load(&self, name: &ModelName, number: u64) -> Result<ModelVersion> {
         let (model, object) = (format!("{name}@{number}"), version_key(name, number));

@@ -1,6 +1,6 @@
 //! `flowservo model`: the registry of versioned checkpoints.
 
-use super::{model_alias, model_diff, model_gc, print_json};
+use super::{model_alias, model_diff, model_export, model_gc, print_json, provenance};
 use crate::cli;
 use crate::config::bad_input;
 use crate::output::{note, out};
@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 /// Runs one of the commands.
 pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
     match command {
-        cli::Model::Publish { checkpoint, name, registry } => {
-            let published = publish(&Registry::init(&registry.registry)?, checkpoint, name)?;
+        cli::Model::Publish { checkpoint, name, evaluation, registry } => {
+            let evaluation = evaluation.as_deref();
+            let published = publish(&Registry::init(&registry.registry)?, checkpoint, name, evaluation)?;
             print_json(json, published.version())
         }
         cli::Model::List { registry } => {
@@ -40,7 +41,10 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             print_json(json, pulled.version())
         }
-        cli::Model::Verify { model, registry } => {
+        cli::Model::Verify { model: Some(model), public_key: Some(key), signature, registry } => {
+            model_export::verify(model, key, signature, &registry.registry, json)
+        }
+        cli::Model::Verify { model, registry, .. } => {
             let asked = model.as_deref().map(reference).transpose()?;
             let found = Registry::open(&registry.registry)?.verify(asked.as_ref())?;
             for problem in &found.problems {
@@ -63,6 +67,7 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
         cli::Model::Diff { from, to, registry } => {
             model_diff::run(&Registry::open(&registry.registry)?, from, to, json)
         }
+        cli::Model::Exchange(command) => model_export::run(command, json),
     }
 }
 
@@ -72,9 +77,14 @@ pub(crate) fn reference(text: &str) -> Result<ModelRef> {
 }
 
 /// Publishes a checkpoint as the next version of a name, and says so.
-pub(crate) fn publish(registry: &Registry, checkpoint: &Path, name: &str) -> Result<Published> {
+pub(crate) fn publish(
+    registry: &Registry,
+    checkpoint: &Path,
+    name: &str,
+    evaluation: Option<&Path>,
+) -> Result<Published> {
     let name: ModelName = name.parse().map_err(bad_input)?;
-    let provenance = super::train::provenance(checkpoint)?;
+    let provenance = provenance::of(checkpoint, evaluation)?;
     let published = registry.publish(&name, checkpoint, provenance)?;
     warn(published.version());
     let ModelVersion { name, version, .. } = published.version();

@@ -254,7 +254,7 @@ impl Reproduction<'_> {
         let registry = Registry::init(&root)?;
         let mut published = BTreeMap::new();
         for (name, (_, trained)) in trained {
-            let version = model::publish(&registry, &trained.checkpoint, name)?;
+            let version = model::publish(&registry, &trained.checkpoint, name, None)?;
             let reference = format!("{name}@{}", version.version().version);
             published.insert(name.clone(), model::checkpoint(&reference, &root)?);
         }

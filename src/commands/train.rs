@@ -8,13 +8,10 @@ use crate::output::{note, out};
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
 use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
-use anyhow::{Context, Result};
-use registry::{Digest, Lineage, Provenance};
+use anyhow::Result;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
-use train::checkpoint::ModelInfo;
 use train::config::TrainConfig;
 use train::examples::Examples;
 use train::fit::{self, Run};
@@ -266,48 +263,4 @@ fn error_in_words(metrics: &Metrics) -> String {
 /// Validation metrics in a few words.
 pub(crate) fn in_words(metrics: &Metrics) -> String {
     format!("loss {:.4}, {}", metrics.loss(), error_in_words(metrics))
-}
-
-/// Where a checkpoint comes from and how good it is, for the registry.
-pub(crate) fn provenance(checkpoint: &Path) -> Result<Provenance> {
-    let info = ModelInfo::read(checkpoint)
-        .with_context(|| format!("{} is not the folder of a checkpoint", checkpoint.display()))?;
-    let mut datasets = BTreeMap::new();
-    for source in &info.datasets {
-        datasets.insert(source.name.clone(), format!("sha256:{}", source.digest).parse()?);
-    }
-    let config = std::fs::read(checkpoint.join("config.toml"))?;
-    let software = BTreeMap::from([("flowservo".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]);
-    // The run's own folder, if the checkpoint still lies in it, knows the device.
-    let result = checkpoint.parent().and_then(|run| std::fs::read_to_string(run.join(RESULT)).ok());
-    let result: Option<Trained> = result.and_then(|text| serde_json::from_str(&text).ok());
-    let lineage = Lineage {
-        datasets,
-        config: Some(Digest::of(&config)),
-        parent: None,
-        code_revision: option_env!("FLOWSERVO_REVISION").map(str::to_owned),
-        seed: Some(info.seed),
-        device: result.map(|trained| trained.device),
-        software,
-    };
-    let metrics = info.epoch.as_ref().map(|epoch| metrics(&epoch.validation)).unwrap_or_default();
-    Ok(Provenance { lineage, metrics, created: None })
-}
-
-fn metrics(validation: &Metrics) -> BTreeMap<String, f64> {
-    let named = match validation {
-        Metrics::Approach(m) => vec![
-            ("validation_loss", m.loss),
-            ("validation_position_error_mm", m.position_error_mm),
-            ("validation_orientation_error_deg", m.orientation_error_deg),
-        ],
-        Metrics::Avoidance(m) => {
-            vec![
-                ("validation_loss", m.loss),
-                ("validation_rms_error", m.rms_error),
-                ("validation_skill", m.skill),
-            ]
-        }
-    };
-    named.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! model.json            what it is: architecture, meaning of the output, camera, data, metrics, digest of the weights
 //! weights.safetensors   the weights, under readable names
+//! config.json           the same for other programs: layers, input, output
 //! config.toml           the training configuration
 //! training.json         only in `last`: where training stands
 //! optimizer.safetensors only in `last`: the optimizer's moments
@@ -20,6 +21,7 @@ use world::config::CameraConfig;
 
 use crate::adamw::AdamW;
 use crate::config::{Task, TrainConfig};
+use crate::description::Description;
 use crate::error::{Error, Result};
 use crate::examples::{Examples, Source};
 use crate::history::EpochRecord;
@@ -164,6 +166,7 @@ impl Contents<'_> {
         self.network.save_into(&mut store(&weights)).map_err(|error| cannot_write(&weights, &error))?;
         self.info.weights_sha256 = digest_of_file(&weights)?;
         write_json(&inside.join(MODEL), &self.info)?;
+        Description::complete(inside)?;
         write_config(&inside.join(CONFIG), self.config)?;
         let Some(Resumption { optimizer, place, device }) = self.training else { return Ok(()) };
         let moments = inside.join(OPTIMIZER);
@@ -217,7 +220,7 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
         .map_err(|error| Error::Checkpoint { path: path.to_owned(), problem: error.to_string() })
 }
 
-fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
+pub(crate) fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
     let text = serde_json::to_string_pretty(value).map_err(|error| cannot_write(path, &error))?;
     publish::write(path, &(text + "\n"))
 }

@@ -14,6 +14,7 @@ mod camera;
 pub mod checkpoint;
 pub mod config;
 mod curve;
+pub mod description;
 pub mod error;
 pub mod examples;
 pub mod fit;
@@ -39,6 +40,7 @@ mod tensorboard;
 
 pub use checkpoint::{Checkpoint, ModelInfo};
 pub use config::{Task, TrainConfig};
+pub use description::Description;
 pub use error::{Error, Result};
 pub use examples::Examples;
 pub use fit::{Fitted, Progress, Run, fit};

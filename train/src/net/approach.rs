@@ -41,7 +41,7 @@ pub struct ApproachConfig {
 }
 
 impl ApproachConfig {
-    fn scale(&self) -> Scale {
+    pub(super) fn scale(&self) -> Scale {
         Scale { width: self.width, input: self.input, head: self.head }
     }
 

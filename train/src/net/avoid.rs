@@ -28,7 +28,7 @@ pub struct AvoidConfig {
 }
 
 impl AvoidConfig {
-    fn scale(&self) -> Scale {
+    pub(super) fn scale(&self) -> Scale {
         Scale { width: self.width, input: self.input, head: self.head }
     }
 

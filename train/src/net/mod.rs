@@ -5,6 +5,7 @@
 
 mod approach;
 mod avoid;
+mod blueprint;
 mod conv;
 mod conv_cpu;
 mod conv_pass;
@@ -18,6 +19,7 @@ mod trunk;
 
 pub use self::approach::{ApproachConfig, ApproachNet, Symmetry};
 pub use self::avoid::{AvoidConfig, AvoidNet, DIRECTIONS};
+pub use self::blueprint::{Activation, Blueprint, Combine, Convolution, Flatten, Linear};
 pub(crate) use self::conv::on_cpu;
 pub use self::conv::{ConvBlock, leaky_conv2d};
 pub use self::head::Head;

@@ -12,7 +12,9 @@ use crate::net::correlation::{DISPLACEMENTS, correlation};
 use crate::net::init::Init;
 
 /// Channels at width 1 in which the features of the first image go past the correlation.
-const REDIRECTED: usize = 32;
+pub(in crate::net) const REDIRECTED: usize = 32;
+/// Layers that see each image alone.
+pub(super) const SHARED: usize = 3;
 
 /// The layers under their published names.
 #[derive(Module, Debug)]

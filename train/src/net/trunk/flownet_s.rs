@@ -9,7 +9,7 @@ use crate::net::conv::ConvBlock;
 use crate::net::init::Init;
 
 /// Channels out at width 1, kernel and stride of a convolution.
-pub(super) type Layer = (usize, usize, usize);
+pub(in crate::net) type Layer = (usize, usize, usize);
 
 /// `conv1`, `conv2`, `conv3`, `conv3_1`, `conv4`, `conv4_1`, `conv5`, `conv5_1`, `conv6`, `conv6_1`.
 pub(super) const LAYERS: [Layer; 10] = [

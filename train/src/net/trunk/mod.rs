@@ -12,12 +12,34 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
+pub(super) use self::flownet_c::REDIRECTED;
+pub(super) use self::flownet_s::Layer;
+
 use super::Scale;
 use super::init::Init;
 use super::stack::stacked;
 
 /// By how much the six layers of stride 2 shrink an image.
 const SHRINK: usize = 64;
+
+/// Names of the layers that all trunks share, in their order.
+const NAMES: [&str; 10] =
+    ["conv1", "conv2", "conv3", "conv3_1", "conv4", "conv4_1", "conv5", "conv5_1", "conv6", "conv6_1"];
+
+/// The layers that all trunks share, with their names.
+pub(super) fn named_layers() -> [(&'static str, Layer); 10] {
+    std::array::from_fn(|index| (NAMES[index], flownet_s::LAYERS[index]))
+}
+
+/// How many of the shared layers see each image of a pair alone.
+pub(super) fn shared(kind: TrunkKind) -> usize {
+    match kind {
+        TrunkKind::FlowNetS => 0,
+        TrunkKind::FlowNetC => flownet_c::SHARED,
+        TrunkKind::Definet => definet::EARLY,
+        TrunkKind::DefinetGap => definet::LATE,
+    }
+}
 
 /// Which trunk sees the images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,0 +1,107 @@
+//! What a checkpoint is published with: where it comes from, how good it is, what goes in and comes out.
+
+use super::eval;
+use super::train::{RESULT, Trained};
+use crate::config::bad_input;
+use ::eval::config::EvalConfig;
+use ::eval::measures::{self, System};
+use anyhow::{Context, Result, anyhow};
+use registry::{Digest, Lineage, Provenance};
+use std::collections::BTreeMap;
+use std::path::Path;
+use train::checkpoint::ModelInfo;
+use train::config::Task;
+use train::description::Description;
+use train::metric::Metrics;
+
+/// Of a checkpoint, with Table 1's figures if servo sessions of it lie in the folder `evaluation`.
+pub(crate) fn of(checkpoint: &Path, evaluation: Option<&Path>) -> Result<Provenance> {
+    let info = ModelInfo::read(checkpoint)
+        .with_context(|| format!("{} is not the folder of a checkpoint", checkpoint.display()))?;
+    let mut metrics = info.epoch.as_ref().map(|epoch| validation(&epoch.validation)).unwrap_or_default();
+    if let Some(evaluation) = evaluation {
+        metrics.extend(table1(&info, evaluation).map_err(bad_input)?);
+    }
+    let serde_json::Value::Object(described) = serde_json::to_value(Description::complete(checkpoint)?)?
+    else {
+        unreachable!("a structure with named fields")
+    };
+    let purpose = match info.task {
+        Task::Approach { .. } => {
+            "CNN_approach: from the current and the goal image to the motion of the hand that makes one the other"
+        }
+        Task::Avoidance { .. } => "CNN_avoid: from the current image to the risk of each direction of motion",
+    };
+    let told = ["camera", "input", "output"];
+    let mut interface: BTreeMap<_, _> =
+        described.into_iter().filter(|(key, _)| told.contains(&key.as_str())).collect();
+    interface.insert("purpose".to_owned(), purpose.into());
+    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created: None })
+}
+
+fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {
+    let mut datasets = BTreeMap::new();
+    for source in &info.datasets {
+        datasets.insert(source.name.clone(), format!("sha256:{}", source.digest).parse()?);
+    }
+    let config = std::fs::read(checkpoint.join("config.toml"))?;
+    // The run's own folder, if the checkpoint still lies in it, knows the device.
+    let result = checkpoint.parent().and_then(|run| std::fs::read_to_string(run.join(RESULT)).ok());
+    let result: Option<Trained> = result.and_then(|text| serde_json::from_str(&text).ok());
+    let software = [
+        ("flowservo", Some(env!("CARGO_PKG_VERSION"))),
+        ("burn", option_env!("FLOWSERVO_BURN")),
+        ("rustc", option_env!("FLOWSERVO_RUSTC")),
+    ];
+    let known =
+        software.into_iter().filter_map(|(name, version)| Some((name.to_owned(), version?.to_owned())));
+    Ok(Lineage {
+        datasets,
+        config: Some(Digest::of(&config)),
+        parent: None,
+        code_revision: option_env!("FLOWSERVO_REVISION").map(str::to_owned),
+        seed: Some(info.seed),
+        device: result.map(|trained| trained.device),
+        software: known.collect(),
+    })
+}
+
+/// How good the network is on the part of its data that was held out.
+fn validation(metrics: &Metrics) -> BTreeMap<String, f64> {
+    let named = match metrics {
+        Metrics::Approach(m) => [
+            ("validation_loss", m.loss),
+            ("validation_position_error_mm", m.position_error_mm),
+            ("validation_orientation_error_deg", m.orientation_error_deg),
+        ],
+        Metrics::Avoidance(m) => [
+            ("validation_loss", m.loss),
+            ("validation_rms_error", m.rms_error),
+            ("validation_skill", m.skill),
+        ],
+    };
+    named.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+/// Table 1's figures under `table1_`, computed from the sessions anew. Times are left out: they belong to a machine.
+fn table1(info: &ModelInfo, evaluation: &Path) -> Result<BTreeMap<String, f64>> {
+    let path = evaluation.join("config.toml");
+    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+    let config: EvalConfig = toml::from_str(&text).with_context(|| path.display().to_string())?;
+    let (role, used) = match info.task {
+        Task::Approach { .. } => ("approach", config.policies.approach),
+        Task::Avoidance { .. } => ("avoid", config.policies.avoid),
+    };
+    let same = ModelInfo::read(Path::new(&used)).is_ok_and(|used| used.weights_sha256 == info.weights_sha256);
+    if !same {
+        let place = path.display();
+        return Err(anyhow!(
+            "the sessions are not of this checkpoint: {place} has policies.{role} = \"{used}\", which is not there or has \
+             other weights"
+        ));
+    }
+    let records = eval::read(evaluation)?;
+    let figures = measures::to_json(&System::of("flowservo", &records));
+    let numbers = figures.as_object().into_iter().flatten();
+    Ok(numbers.filter_map(|(key, value)| Some((format!("table1_{key}"), value.as_f64()?))).collect())
+}
