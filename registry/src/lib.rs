@@ -14,19 +14,28 @@
 //! proves it. Manifests are OCI image manifests with the media types of the CNCF model format
 //! (<https://github.com/modelpack/model-spec>).
 //!
-//! This crate knows files, not networks; it has no clock and no randomness.
+//! A registry is a folder or, with the feature `s3`, a place in a bucket, in the same layout. Whoever creates one first sees
+//! whether the store keeps the one promise that all this rests on: that an object is created only where there is none.
+//!
+//! This crate knows files, not networks that learn; it has no clock and no randomness.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "s3")]
+mod bucket;
 mod checkpoint;
 mod digest;
 mod error;
 #[cfg(test)]
 mod fixture;
+mod location;
 mod manifest;
 mod name;
+mod probe;
 mod problem;
 mod publish;
 mod pull;
+#[cfg(test)]
+mod quirk;
 mod reference;
 mod registry;
 mod store;
@@ -34,6 +43,7 @@ mod verify;
 
 pub use digest::Digest;
 pub use error::{Error, Result};
+pub use location::Location;
 pub use manifest::{Descriptor, Lineage, Manifest, Provenance};
 pub use name::ModelName;
 pub use problem::{Fault, Problem};

@@ -135,8 +135,9 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::fixture::{Place, bytes, flip, model};
+    use crate::fixture::{Place, bytes, flip, model, quirky};
     use crate::manifest::Lineage;
+    use crate::quirk::Quirk;
     use crate::store::blob_key;
 
     fn publish(registry: &Registry, checkpoint: &Path) -> Published {
@@ -259,6 +260,17 @@ mod tests {
             weights.dedup();
             assert_eq!(weights.len(), 25, "each checkpoint exactly once");
             assert!(registry.verify(None).unwrap().problems.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_lost_answer_is_no_conflict() {
+        for quirk in [Quirk::LosesAnswers, Quirk::DeniesEveryOther] {
+            let (place, registry) = (Place::local(), Registry { store: quirky(quirk) });
+            for number in 1..=3 {
+                assert_eq!(place.publish(&registry, "approach", &[number as u8]).version, number);
+            }
+            assert_eq!(registry.verify(None).unwrap().problems, []);
         }
     }
 
