@@ -26,8 +26,9 @@ pub(crate) fn probe(store: &Store) -> Result<()> {
                     return Err(error);
                 }
                 store.remove(&key)?;
+                let cause = root_cause(&error);
                 return Err(unfit(format!(
-                    "it cannot create an object on condition that there is none ({error})"
+                    "it cannot create an object on condition that there is none ({cause})"
                 )));
             }
         }
@@ -41,6 +42,11 @@ pub(crate) fn probe(store: &Store) -> Result<()> {
         };
     }
     Err(unfit("it says of every name that it is taken".into()))
+}
+
+/// What the system or server answered, without who passed it on.
+fn root_cause(error: &dyn std::error::Error) -> &dyn std::error::Error {
+    error.source().map_or(error, root_cause)
 }
 
 #[cfg(test)]

@@ -8,13 +8,14 @@ use std::io::{self, Read};
 use std::path::Path;
 use std::sync::Arc;
 
+use bytes::Bytes;
 use futures_util::StreamExt;
 use futures_util::stream::FuturesUnordered;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
 use object_store::{GetResultPayload, MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, UploadPart};
 
-use crate::digest::{Digest, Fingerprint, Hasher};
+use crate::digest::{Digest, Fingerprint, Hasher, hash_meanwhile};
 use crate::error::{Error, Result};
 use crate::location::Location;
 use crate::name::ModelName;
@@ -167,36 +168,37 @@ impl Store {
     pub(crate) fn read(&self, key: &str) -> Result<Option<Vec<u8>>> {
         let mut bytes = Vec::new();
         let found = self.scan(key, DOCUMENT_LIMIT + 1, &mut |piece| {
-            bytes.extend_from_slice(piece);
+            bytes.extend_from_slice(&piece);
             Ok(())
         })?;
         Ok(found.then_some(bytes))
     }
 
     /// Gives at most `limit` bytes of an object to `sink`, piece by piece; false if there is no such object.
-    fn scan(&self, key: &str, limit: u64, sink: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<bool> {
+    fn scan(&self, key: &str, limit: u64, sink: &mut dyn FnMut(Bytes) -> Result<()>) -> Result<bool> {
         let found = match self.wait(self.objects.get(&Key::from(key))) {
             Ok(found) => found,
             Err(object_store::Error::NotFound { .. }) => return Ok(false),
             Err(source) => return Err(self.error("read", key)(source)),
         };
-        let mut left = limit;
         match found.payload {
             GetResultPayload::File(file, path) => {
                 let mut file = file.take(limit);
-                let mut piece = vec![0; PIECE.min(found.meta.size as usize + 1)];
+                // A byte more, so that the end is seen at once.
+                let size = usize::try_from(found.meta.size).unwrap_or(PIECE).min(PIECE) + 1;
                 loop {
-                    let size = read_some(&mut file, &mut piece).map_err(Error::io("read", &path))?;
-                    if size == 0 {
+                    let piece = read_part(&mut file, size).map_err(Error::io("read", &path))?;
+                    if piece.is_empty() {
                         return Ok(true);
                     }
-                    sink(&piece[..size])?;
+                    sink(piece.into())?;
                 }
             }
             GetResultPayload::Stream(mut pieces) => {
+                let mut left = limit;
                 while let Some(piece) = self.wait(pieces.next()).filter(|_| left > 0) {
-                    let piece = piece.map_err(self.error("read", key))?;
-                    let piece = &piece[..piece.len().min(usize::try_from(left).unwrap_or(usize::MAX))];
+                    let mut piece = piece.map_err(self.error("read", key))?;
+                    piece.truncate(usize::try_from(left).unwrap_or(usize::MAX));
                     left -= piece.len() as u64;
                     sink(piece)?;
                 }
@@ -212,17 +214,23 @@ impl Store {
         digest: Digest,
         sink: &mut dyn FnMut(&[u8]) -> Result<()>,
     ) -> Result<Option<Fingerprint>> {
-        let mut hasher = Hasher::default();
-        let found = self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
-            hasher.update(piece);
-            sink(piece)
+        let (found, content) = hash_meanwhile(|hash| {
+            self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
+                hash(piece.clone());
+                sink(&piece)
+            })
         })?;
-        Ok(found.then(|| hasher.finish()))
+        Ok(found.then_some(content))
     }
 
     /// What is really stored under the name `digest`.
     pub(crate) fn inspect_blob(&self, digest: Digest) -> Result<Option<Fingerprint>> {
-        self.read_blob(digest, &mut |_| Ok(()))
+        let mut hasher = Hasher::default();
+        let found = self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
+            hasher.update(&piece);
+            Ok(())
+        })?;
+        Ok(found.then(|| hasher.finish()))
     }
 
     /// Stores a blob that fits into memory.
@@ -236,7 +244,7 @@ impl Store {
     pub(crate) fn put_file(&self, content: Fingerprint, source: &Path) -> Result<bool> {
         let mut file = File::open(source).map_err(Error::io("read", source))?;
         if content.size <= PART as u64 {
-            let part = read_part(&mut file).map_err(Error::io("read", source))?;
+            let part = read_part(&mut file, PART).map_err(Error::io("read", source))?;
             let matches = Digest::of(&part) == content.digest;
             if matches {
                 self.put_blob(content.digest, part)?;
@@ -257,6 +265,7 @@ impl Store {
         sent.and(aborted).map(|()| false)
     }
 
+    /// Sends all of `file`; what it held.
     fn send_parts(
         &self,
         upload: &mut dyn MultipartUpload,
@@ -264,22 +273,24 @@ impl Store {
         file: &mut File,
         source: &Path,
     ) -> Result<Fingerprint> {
-        let mut hasher = Hasher::default();
         let mut under_way = FuturesUnordered::<UploadPart>::new();
-        loop {
-            let part = read_part(file).map_err(Error::io("read", source))?;
-            let at_most = if part.is_empty() { 0 } else { PARTS_UNDER_WAY - 1 };
-            while under_way.len() > at_most
-                && let Some(sent) = self.wait(under_way.next())
-            {
-                sent.map_err(self.error("write", key))?;
+        let sent = hash_meanwhile(|hash| {
+            loop {
+                let part = Bytes::from(read_part(file, PART).map_err(Error::io("read", source))?);
+                let at_most = if part.is_empty() { 0 } else { PARTS_UNDER_WAY - 1 };
+                while under_way.len() > at_most
+                    && let Some(sent) = self.wait(under_way.next())
+                {
+                    sent.map_err(self.error("write", key))?;
+                }
+                if part.is_empty() {
+                    return Ok(());
+                }
+                hash(part.clone());
+                under_way.push(upload.put_part(part.into()));
             }
-            if part.is_empty() {
-                return Ok(hasher.finish());
-            }
-            hasher.update(&part);
-            under_way.push(upload.put_part(part.into()));
-        }
+        });
+        sent.map(|((), content)| content)
     }
 
     /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder.
@@ -304,20 +315,10 @@ impl Store {
     }
 }
 
-/// Fills `buffer` with the next bytes, as far as the reader gives them at once; 0 at its end.
-fn read_some(reader: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
-    loop {
-        match reader.read(buffer) {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            result => return result,
-        }
-    }
-}
-
-/// The next bytes of `file`, fewer than a part only at its end.
-fn read_part(file: &mut File) -> io::Result<Vec<u8>> {
-    let mut part = Vec::new();
-    file.take(PART as u64).read_to_end(&mut part)?;
+/// The next bytes of `reader`, fewer than `size` only at its end.
+fn read_part(reader: &mut impl Read, size: usize) -> io::Result<Vec<u8>> {
+    let mut part = Vec::with_capacity(size);
+    reader.take(size as u64).read_to_end(&mut part)?;
     Ok(part)
 }
 
