@@ -59,13 +59,8 @@ impl Registry {
         loop {
             let newest = self.versions(name)?.last().copied().unwrap_or(0).max(taken);
             for number in examined + 1..=newest {
-                match self.load(name, number) {
-                    Ok(version) if is_same(&version.manifest, &manifest) => {
-                        return Ok(Published::AlreadyThere(version));
-                    }
-                    // A damaged version is no reason not to publish the next one.
-                    Ok(_) | Err(Error::Damaged(_)) => {}
-                    Err(error) => return Err(error),
+                if let Some(version) = self.same(name, number, &manifest)? {
+                    return Ok(Published::AlreadyThere(version));
                 }
             }
             examined = newest;
@@ -85,6 +80,21 @@ impl Registry {
             }
             // Another process took the number: see whether it published the same, then try the next.
             taken = number;
+        }
+    }
+
+    /// Version `number` of `name`, if it has the same files as `manifest`. One request, if it has others: a model may have
+    /// many versions, and a bucket is far away.
+    fn same(&self, name: &ModelName, number: u64, manifest: &Manifest) -> Result<Option<ModelVersion>> {
+        let bytes = self.store.read(&version_key(name, number))?.unwrap_or_default();
+        if !Manifest::parse(&bytes, name, number).is_ok_and(|found| is_same(&found, manifest)) {
+            return Ok(None);
+        }
+        match self.load(name, number) {
+            Ok(version) => Ok(Some(version).filter(|version| is_same(&version.manifest, manifest))),
+            // A damaged version is no reason not to publish the next one.
+            Err(Error::Damaged(_)) => Ok(None),
+            Err(error) => Err(error),
         }
     }
 
