@@ -216,7 +216,7 @@ pub(crate) struct Eval {
 /// Where the registry is.
 #[derive(Debug, Args)]
 pub(crate) struct RegistryArgs {
-    /// The model registry: a folder, or s3://BUCKET/PREFIX (with AWS_REGION, AWS_ENDPOINT_URL, AWS_ACCESS_KEY_ID, ...).
+    /// The model registry: a folder, or `s3://BUCKET/PREFIX` (server and credentials from the usual AWS variables).
     #[arg(long, value_name = "PLACE", default_value = "models")]
     pub(crate) registry: Location,
 }

@@ -133,7 +133,9 @@ pub(crate) fn hash_meanwhile<T>(
         let (sender, pieces) = mpsc::sync_channel::<Bytes>(1);
         let hashing = scope.spawn(move || {
             let mut hasher = Hasher::default();
-            pieces.iter().for_each(|piece| hasher.update(&piece));
+            for piece in pieces {
+                hasher.update(&piece);
+            }
             hasher.finish()
         });
         // Nobody receives only if hashing panicked, which comes to light at the end.

@@ -3,6 +3,8 @@
 //! All else rests on that. Some servers answer the condition with success and overwrite, which would lose versions in
 //! silence; some file systems and servers cannot do it at all.
 
+use bytes::Bytes;
+
 use crate::error::{Error, Result};
 use crate::store::Store;
 
@@ -17,7 +19,7 @@ pub(crate) fn probe(store: &Store) -> Result<()> {
     let unfit = |reason: String| Error::Unfit { root: store.root().to_owned(), reason };
     for number in 0..ATTEMPTS {
         let key = format!("{PROBE}{number}");
-        match store.try_create(&key, b"first".to_vec()) {
+        match store.try_create(&key, Bytes::from_static(b"first")) {
             Ok(true) => {}
             Ok(false) => continue,
             Err(error) => {
@@ -32,7 +34,7 @@ pub(crate) fn probe(store: &Store) -> Result<()> {
                 )));
             }
         }
-        let again = store.try_create(&key, b"second".to_vec());
+        let again = store.try_create(&key, Bytes::from_static(b"second"));
         let left = store.read(&key);
         store.remove(&key)?;
         return match (again?, left?.as_deref()) {

@@ -101,11 +101,7 @@ impl Store {
             }
             #[cfg(feature = "s3")]
             Location::Bucket { bucket, prefix } => {
-                let objects = crate::bucket::open(bucket, prefix).map_err(|source| Error::Store {
-                    action: "open the bucket",
-                    place: root.clone(),
-                    source,
-                })?;
+                let objects = crate::bucket::open(bucket, prefix, &root)?;
                 let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
                 let runtime = runtime.map_err(Error::io("start a runtime for", Path::new(&root)))?;
                 Ok(Self { runtime: Some(Arc::new(runtime)), ..Self::new(objects, root) })
@@ -119,6 +115,7 @@ impl Store {
     }
 
     /// Waits for what the store does.
+    #[cfg_attr(not(feature = "s3"), expect(clippy::unused_self))]
     fn wait<F: Future>(&self, work: F) -> F::Output {
         #[cfg(feature = "s3")]
         if let Some(runtime) = &self.runtime {
@@ -132,6 +129,7 @@ impl Store {
     /// If exactly these bytes are there, they count as written: where an answer is lost, the store is asked again, and then
     /// says of what it wrote itself that it is there.
     pub(crate) fn create(&self, key: &str, bytes: Vec<u8>) -> Result<bool> {
+        let bytes = Bytes::from(bytes);
         for _ in 0..CREATE_ATTEMPTS {
             if self.try_create(key, bytes.clone())? {
                 return Ok(true);
@@ -145,7 +143,7 @@ impl Store {
     }
 
     /// Asks once for a small object to be written if there is none; false if the store says that there is one.
-    pub(crate) fn try_create(&self, key: &str, bytes: Vec<u8>) -> Result<bool> {
+    pub(crate) fn try_create(&self, key: &str, bytes: Bytes) -> Result<bool> {
         match self.wait(self.objects.put_opts(&Key::from(key), bytes.into(), PutMode::Create.into())) {
             Ok(_) => Ok(true),
             Err(object_store::Error::AlreadyExists { .. }) => Ok(false),

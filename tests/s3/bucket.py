@@ -98,6 +98,9 @@ def creation(s3):
     assert "ignores the condition" in refusal, refusal
     assert keys(s3, "forgetful") == []
     assert "no registry here" in run("list", "--registry", "s3://lab/other", code=1)
+    unencrypted = os.environ.pop("AWS_ALLOW_HTTP")
+    assert "AWS_ALLOW_HTTP=true" in run("list", "--registry", "s3://lab/models", code=1)
+    os.environ["AWS_ALLOW_HTTP"] = unencrypted
 
 
 def races(server):
