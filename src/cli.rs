@@ -9,6 +9,7 @@ pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use datagen::Part;
+use registry::Location;
 use std::path::PathBuf;
 
 /// Learned visual servoing in virtual environments: datasets, networks, servo sessions, and the paper's tables.
@@ -221,9 +222,9 @@ pub(crate) struct Eval {
 /// Where the registry is.
 #[derive(Debug, Args)]
 pub(crate) struct RegistryArgs {
-    /// Folder of the model registry.
-    #[arg(long, value_name = "DIR", default_value = "models")]
-    pub(crate) registry: PathBuf,
+    /// The model registry: a folder, or `s3://BUCKET/PREFIX` (server and credentials from the usual AWS variables).
+    #[arg(long, value_name = "PLACE", default_value = "models")]
+    pub(crate) registry: Location,
 }
 
 /// `model`
@@ -311,6 +312,15 @@ pub(crate) enum Model {
         from: String,
         /// The second version.
         to: String,
+        /// The registry.
+        #[command(flatten)]
+        registry: RegistryArgs,
+    },
+    /// Create a registry, or look whether one is safe: the store must never overwrite what is there.
+    #[command(
+        after_help = "Examples:\n  flowservo model init\n  flowservo model init --registry s3://lab/models"
+    )]
+    Init {
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,

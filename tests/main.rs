@@ -28,6 +28,10 @@ mod pipeline;
 /// The registry through the command line.
 mod models;
 
+/// The registry under attack: publishers at once, readers in between, SIGKILL.
+#[cfg(unix)]
+mod registry;
+
 /// The wgpu path on a software Vulkan driver.
 #[cfg(feature = "wgpu-software")]
 mod devices;

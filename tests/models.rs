@@ -3,7 +3,7 @@
 use crate::support::Folder;
 
 /// A folder that holds what a checkpoint holds, with these weights.
-fn checkpoint(folder: &Folder, name: &str, weights: &str) {
+pub(crate) fn checkpoint(folder: &Folder, name: &str, weights: &str) {
     let info = r#"{
         "format": 2,
         "task": { "kind": "avoidance", "network": { "trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8 } },

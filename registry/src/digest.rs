@@ -2,8 +2,12 @@
 
 use std::fmt;
 use std::io::{self, Read};
+use std::panic::resume_unwind;
 use std::str::FromStr;
+use std::sync::mpsc;
+use std::thread;
 
+use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -124,6 +128,27 @@ impl Hasher {
     pub(crate) fn finish(self) -> Fingerprint {
         Fingerprint { digest: Digest(self.state.finalize().into()), size: self.size }
     }
+}
+
+/// Does `work` while a thread hashes what it hands over: the hash costs as much time as reading or writing does.
+pub(crate) fn hash_meanwhile<T>(
+    work: impl FnOnce(&mut dyn FnMut(Bytes)) -> Result<T>,
+) -> Result<(T, Fingerprint)> {
+    thread::scope(|scope| {
+        let (sender, pieces) = mpsc::sync_channel::<Bytes>(1);
+        let hashing = scope.spawn(move || {
+            let mut hasher = Hasher::default();
+            for piece in pieces {
+                hasher.update(&piece);
+            }
+            hasher.finish()
+        });
+        // Nobody receives only if hashing panicked, which comes to light at the end.
+        let done = work(&mut |piece| drop(sender.send(piece)));
+        drop(sender);
+        let content = hashing.join().unwrap_or_else(|panic| resume_unwind(panic));
+        Ok((done?, content))
+    })
 }
 
 #[cfg(test)]

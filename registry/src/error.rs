@@ -67,8 +67,29 @@ pub enum Error {
         /// What stands against it and what to do.
         reason: String,
     },
+    /// The place of a registry cannot be read.
+    #[error("`{text}` is no place for a registry: {reason}")]
+    Location {
+        /// The place as given.
+        text: String,
+        /// What to write instead.
+        reason: String,
+    },
+    /// A store that would lose a race.
+    #[error(
+        "{root}: no registry can be kept here: {reason}. Of two that publish at once, one would be lost. A folder has to be \
+         on a file system with hard links (not FAT or exFAT), an S3 server has to honour `If-None-Match: *`"
+    )]
+    Unfit {
+        /// Where the registry was to be created.
+        root: String,
+        /// What the store does.
+        reason: String,
+    },
     /// There is no registry at this place.
-    #[error("{root}: no registry here (registry.json is missing); publishing a model creates one")]
+    #[error(
+        "{root}: no registry here (registry.json is missing); `model init` or publishing a model creates one"
+    )]
     NoRegistry {
         /// Where it was looked for.
         root: String,

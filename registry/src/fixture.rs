@@ -3,14 +3,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
-use object_store::local::LocalFileSystem;
 use object_store::memory::InMemory;
 use tempfile::TempDir;
 
 use crate::manifest::Provenance;
 use crate::name::ModelName;
 use crate::publish::Published;
+use crate::quirk::{Quirk, Quirky};
 use crate::registry::{ModelVersion, Registry};
 use crate::store::Store;
 
@@ -39,8 +40,7 @@ impl Place {
             Store::new(Arc::new(InMemory::new()), "memory".into())
         } else {
             fs::create_dir_all(self.path("registry")).unwrap();
-            let objects = LocalFileSystem::new_with_prefix(self.path("registry")).unwrap();
-            Store::new(Arc::new(objects), "registry".into())
+            Store::open(&(&self.path("registry")).into()).unwrap()
         }
     }
 
@@ -70,6 +70,12 @@ impl Place {
             Published::AlreadyThere(version) => panic!("{version} is already there"),
         }
     }
+}
+
+/// A store in memory with a quirk.
+pub(crate) fn quirky(quirk: Quirk) -> Store {
+    let objects = Quirky { quirk, objects: InMemory::new(), asked: AtomicUsize::new(1) };
+    Store::new(Arc::new(objects), "quirky".into())
 }
 
 pub(crate) fn model(name: &str) -> ModelName {

@@ -19,10 +19,15 @@
 //! image layout or a folder for the Hugging Face Hub, comes back from the latter two, and is signed by the rules of OpenSSF Model
 //! Signing.
 //!
-//! This crate knows files, not networks; it has no clock and no randomness.
+//! A registry is a folder or, with the feature `s3`, a place in a bucket, in the same layout. Whoever creates one first sees
+//! whether the store keeps the one promise that all this rests on: that an object is created only where there is none.
+//!
+//! This crate knows files, not networks that learn; it has no clock and no randomness.
 #![forbid(unsafe_code)]
 
 mod alias;
+#[cfg(feature = "s3")]
+mod bucket;
 mod card;
 mod checkpoint;
 mod diff;
@@ -33,13 +38,17 @@ mod fixture;
 mod gc;
 mod huggingface;
 mod import;
+mod location;
 mod log;
 mod manifest;
 mod name;
 mod oci;
+mod probe;
 mod problem;
 mod publish;
 mod pull;
+#[cfg(test)]
+mod quirk;
 mod reference;
 mod registry;
 mod signature;
@@ -52,6 +61,7 @@ pub use diff::{Change, Compared, Difference};
 pub use digest::Digest;
 pub use error::{Error, Result};
 pub use gc::{GRACE, Garbage};
+pub use location::Location;
 pub use log::{Entry, Expect, Remark, Target};
 pub use manifest::{Descriptor, Lineage, Manifest, Provenance};
 pub use name::ModelName;

@@ -3,18 +3,17 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
-use std::path::Path;
-use std::sync::Arc;
 
-use object_store::local::LocalFileSystem;
 use serde::{Deserialize, Serialize};
 
 use crate::alias::AliasName;
 use crate::digest::Digest;
 use crate::error::{Error, Result};
+use crate::location::Location;
 use crate::log::Remark;
 use crate::manifest::Manifest;
 use crate::name::ModelName;
+use crate::probe::{PROBE, probe};
 use crate::problem::{Fault, Problem};
 use crate::reference::{ModelRef, Selector};
 use crate::store::{DOCUMENT_LIMIT, LAST_VERSION, MODELS, Store, blob_key, version_key, versions_key};
@@ -72,21 +71,30 @@ struct Marker {
 }
 
 impl Registry {
-    /// Opens the registry in the folder `root`.
-    pub fn open(root: &Path) -> Result<Self> {
-        let place = root.display().to_string();
-        if !root.is_dir() {
-            return Err(Error::NoRegistry { root: place });
+    /// Opens the registry at `location`.
+    pub fn open(location: impl Into<Location>) -> Result<Self> {
+        let location = location.into();
+        let missing = || Error::NoRegistry { root: location.to_string() };
+        if location.folder().is_some_and(|folder| !folder.is_dir()) {
+            return Err(missing());
         }
-        let registry = Self { store: local(root)? };
-        if registry.check_marker()? { Ok(registry) } else { Err(Error::NoRegistry { root: place }) }
+        let registry = Self { store: Store::open(&location)? };
+        if registry.check_marker()? { Ok(registry) } else { Err(missing()) }
     }
 
-    /// Opens the registry in the folder `root`, or creates one there if the folder is new or empty. The file system must
-    /// have hard links: they make a version appear whole or not at all.
-    pub fn init(root: &Path) -> Result<Self> {
-        fs::create_dir_all(root).map_err(Error::io("create the folder", root))?;
-        Self::on(local(root)?)
+    /// Opens the registry at `location`, or creates one there if the place is new or empty and the store can hold one, as
+    /// [`Registry::probe`] finds out.
+    pub fn init(location: impl Into<Location>) -> Result<Self> {
+        let location = location.into();
+        if let Some(folder) = location.folder() {
+            fs::create_dir_all(folder).map_err(Error::io("create the folder", folder))?;
+        }
+        Self::on(Store::open(&location)?)
+    }
+
+    /// Finds out whether the store creates an object only where there is none, by doing it; [`Error::Unfit`] if not.
+    pub fn probe(&self) -> Result<()> {
+        probe(&self.store)
     }
 
     /// Opens or creates a registry on `store`.
@@ -97,9 +105,14 @@ impl Registry {
         if registry.check_marker()? {
             return Ok(registry);
         }
-        if let Some(found) = listing.folders.into_iter().chain(listing.objects).next() {
+        // Others may be creating this registry at the same time.
+        let of_probe = |object: &String| object.starts_with(PROBE);
+        let mut content =
+            listing.folders.into_iter().chain(listing.objects).filter(|object| !of_probe(object));
+        if let Some(found) = content.next() {
             return Err(Error::Occupied { root: registry.store.root().to_owned(), found });
         }
+        registry.probe()?;
         let marker = format!("{{\"format\":\"{FORMAT}\",\"version\":{FORMAT_VERSION}}}\n");
         registry.store.create(MARKER, marker.into_bytes())?;
         registry.check_marker()?;
@@ -248,16 +261,6 @@ impl Registry {
             Some(_) => Ok((bytes, digest)),
         }
     }
-}
-
-fn local(root: &Path) -> Result<Store> {
-    let place = root.display().to_string();
-    let objects = LocalFileSystem::new_with_prefix(root).map_err(|source| Error::Store {
-        action: "open the folder",
-        place: place.clone(),
-        source,
-    })?;
-    Ok(Store::new(Arc::new(objects.with_fsync(true)), place).in_folder(root))
 }
 
 /// Number in the name of a numbered manifest, `000007.json`.

@@ -1,19 +1,26 @@
-//! The create-only store beneath a registry: the only file that knows `object_store`.
+//! The create-only store beneath a registry.
 //!
-//! Driven synchronously: a local folder does its work inside the poll, with no runtime around it.
+//! Driven synchronously: a folder does its work inside the poll, with no runtime around it; a bucket has a runtime of its own.
 
 use std::fs::File;
+use std::future::Future;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use bytes::Bytes;
+use futures_util::StreamExt;
+use futures_util::stream::FuturesUnordered;
+use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
-use object_store::{MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode};
-use pollster::block_on;
+use object_store::{
+    GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode, UploadPart,
+};
 
-use crate::digest::{Digest, Fingerprint, Hasher};
+use crate::digest::{Digest, Fingerprint, Hasher, hash_meanwhile};
 use crate::error::{Error, Result};
+use crate::location::Location;
 use crate::name::ModelName;
 
 /// Largest manifest; OCI registries take no larger ones either.
@@ -22,11 +29,19 @@ pub(crate) const DOCUMENT_LIMIT: u64 = 4 << 20;
 /// The highest number of a version: numbers have six digits, so that names sort as numbers do.
 pub(crate) const LAST_VERSION: u64 = 999_999;
 
-/// Bytes in memory at a time. Object stores want equal parts of at least 5 MiB.
+/// Bytes of a part of a large blob. Object stores want equal parts of at least 5 MiB.
 const PART: usize = 8 << 20;
 
 /// Folder of all blobs.
 pub(crate) const BLOBS: &str = "blobs";
+/// How many parts are under way at a time.
+const PARTS_UNDER_WAY: usize = 3;
+
+/// Bytes that are read from a file at a time.
+const PIECE: usize = 1 << 20;
+
+/// How often an object is asked for that is said to be there and is not.
+const CREATE_ATTEMPTS: u32 = 8;
 
 /// Folder of all models.
 pub(crate) const MODELS: &str = "models";
@@ -77,11 +92,44 @@ pub(crate) struct Store {
     root: String,
     /// Its folder, if it is one.
     folder: Option<PathBuf>,
+    /// What a store on the network needs to get on.
+    #[cfg(feature = "s3")]
+    runtime: Option<Arc<tokio::runtime::Runtime>>,
 }
 
 impl Store {
     pub(crate) fn new(objects: Arc<dyn ObjectStore>, root: String) -> Self {
-        Self { objects, root, folder: None }
+        Self {
+            objects,
+            root,
+            folder: None,
+            #[cfg(feature = "s3")]
+            runtime: None,
+        }
+    }
+
+    /// The store at `location`; a folder has to exist.
+    pub(crate) fn open(location: &Location) -> Result<Self> {
+        let root = location.to_string();
+        match location {
+            Location::Folder(folder) => {
+                let opened = LocalFileSystem::new_with_prefix(folder);
+                let objects = opened.map_err(|source| Error::Store {
+                    action: "open the folder",
+                    place: root.clone(),
+                    source,
+                })?;
+                // What was said to be published must outlive a power cut.
+                Ok(Self::new(Arc::new(objects.with_fsync(true)), root).in_folder(folder))
+            }
+            #[cfg(feature = "s3")]
+            Location::Bucket { bucket, prefix } => {
+                let objects = crate::bucket::open(bucket, prefix, &root)?;
+                let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+                let runtime = runtime.map_err(Error::io("start a runtime for", Path::new(&root)))?;
+                Ok(Self { runtime: Some(Arc::new(runtime)), ..Self::new(objects, root) })
+            }
+        }
     }
 
     /// Says that the store is the local folder `folder`.
@@ -99,42 +147,95 @@ impl Store {
         &self.root
     }
 
-    /// Writes a small object under a key that is free; false if it is taken, and then nothing is changed.
+    /// Waits for what the store does.
+    #[cfg_attr(not(feature = "s3"), expect(clippy::unused_self))]
+    fn wait<F: Future>(&self, work: F) -> F::Output {
+        #[cfg(feature = "s3")]
+        if let Some(runtime) = &self.runtime {
+            return runtime.block_on(work);
+        }
+        pollster::block_on(work)
+    }
+
+    /// Writes a small object under a key that is free; false if it is taken by something else, and then nothing is changed.
+    ///
+    /// If exactly these bytes are there, they count as written: where an answer is lost, the store is asked again, and then
+    /// says of what it wrote itself that it is there.
     pub(crate) fn create(&self, key: &str, bytes: Vec<u8>) -> Result<bool> {
-        match block_on(self.objects.put_opts(&Key::from(key), bytes.into(), PutMode::Create.into())) {
+        let bytes = Bytes::from(bytes);
+        for _ in 0..CREATE_ATTEMPTS {
+            if self.try_create(key, bytes.clone())? {
+                return Ok(true);
+            }
+            // Nothing is there if two asked at the same moment and the server let neither have it (S3's answer 409).
+            if let Some(found) = self.read(key)? {
+                return Ok(found == bytes);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Asks once for a small object to be written if there is none; false if the store says that there is one.
+    pub(crate) fn try_create(&self, key: &str, bytes: Bytes) -> Result<bool> {
+        match self.wait(self.objects.put_opts(&Key::from(key), bytes.into(), PutMode::Create.into())) {
             Ok(_) => Ok(true),
             Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
-            Err(source) => Err(self.error("create (the store must support create-if-absent)", key)(source)),
+            Err(source) => Err(self.error("create", key)(source)),
         }
+    }
+
+    /// Writes a small object whatever was there.
+    pub(crate) fn put(&self, key: &str, bytes: Vec<u8>) -> Result<()> {
+        let put = self.wait(self.objects.put(&Key::from(key), bytes.into()));
+        put.map_err(self.error("write", key)).map(drop)
+    }
+
+    /// Removes an object.
+    pub(crate) fn remove(&self, key: &str) -> Result<()> {
+        self.wait(self.objects.delete(&Key::from(key))).map_err(self.error("remove", key))
     }
 
     /// A small object; `None` if there is none. Of a larger one than [`DOCUMENT_LIMIT`], one byte more than the limit.
     pub(crate) fn read(&self, key: &str) -> Result<Option<Vec<u8>>> {
         let mut bytes = Vec::new();
         let found = self.scan(key, DOCUMENT_LIMIT + 1, &mut |piece| {
-            bytes.extend_from_slice(piece);
+            bytes.extend_from_slice(&piece);
             Ok(())
         })?;
         Ok(found.then_some(bytes))
     }
 
     /// Gives at most `limit` bytes of an object to `sink`, piece by piece; false if there is no such object.
-    fn scan(&self, key: &str, limit: u64, sink: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<bool> {
-        let location = Key::from(key);
-        let size = match block_on(self.objects.head(&location)) {
-            Ok(meta) => meta.size.min(limit),
+    fn scan(&self, key: &str, limit: u64, sink: &mut dyn FnMut(Bytes) -> Result<()>) -> Result<bool> {
+        let found = match self.wait(self.objects.get(&Key::from(key))) {
+            Ok(found) => found,
             Err(object_store::Error::NotFound { .. }) => return Ok(false),
             Err(source) => return Err(self.error("read", key)(source)),
         };
-        let mut start = 0;
-        while start < size {
-            let end = size.min(start + PART as u64);
-            let piece =
-                block_on(self.objects.get_range(&location, start..end)).map_err(self.error("read", key))?;
-            sink(&piece)?;
-            start = end;
+        match found.payload {
+            GetResultPayload::File(file, path) => {
+                let mut file = file.take(limit);
+                // A byte more, so that the end is seen at once.
+                let size = usize::try_from(found.meta.size).unwrap_or(PIECE).min(PIECE) + 1;
+                loop {
+                    let piece = read_part(&mut file, size).map_err(Error::io("read", &path))?;
+                    if piece.is_empty() {
+                        return Ok(true);
+                    }
+                    sink(piece.into())?;
+                }
+            }
+            GetResultPayload::Stream(mut pieces) => {
+                let mut left = limit;
+                while let Some(piece) = self.wait(pieces.next()).filter(|_| left > 0) {
+                    let mut piece = piece.map_err(self.error("read", key))?;
+                    piece.truncate(usize::try_from(left).unwrap_or(usize::MAX));
+                    left -= piece.len() as u64;
+                    sink(piece)?;
+                }
+                Ok(true)
+            }
         }
-        Ok(true)
     }
 
     /// Gives the blob `digest` to `sink` and says what was really stored under that name; `None` if nothing was. The
@@ -144,33 +245,37 @@ impl Store {
         digest: Digest,
         sink: &mut dyn FnMut(&[u8]) -> Result<()>,
     ) -> Result<Option<Fingerprint>> {
-        let mut hasher = Hasher::default();
-        let found = self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
-            hasher.update(piece);
-            sink(piece)
+        let (found, content) = hash_meanwhile(|hash| {
+            self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
+                hash(piece.clone());
+                sink(&piece)
+            })
         })?;
-        Ok(found.then(|| hasher.finish()))
+        Ok(found.then_some(content))
     }
 
     /// What is really stored under the name `digest`.
     pub(crate) fn inspect_blob(&self, digest: Digest) -> Result<Option<Fingerprint>> {
-        self.read_blob(digest, &mut |_| Ok(()))
+        let mut hasher = Hasher::default();
+        let found = self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
+            hasher.update(&piece);
+            Ok(())
+        })?;
+        Ok(found.then(|| hasher.finish()))
     }
 
     /// Stores a blob that fits into memory.
     ///
     /// A blob's name is its content's, so writing over one of the same name is harmless, and mends a damaged one.
     pub(crate) fn put_blob(&self, digest: Digest, bytes: Vec<u8>) -> Result<()> {
-        let key = blob_key(digest);
-        let put = block_on(self.objects.put(&Key::from(key.as_str()), bytes.into()));
-        put.map_err(self.error("write", &key)).map(drop)
+        self.put(&blob_key(digest), bytes)
     }
 
     /// Stores the file `source`, if it holds `content`; false if it does not, and then nothing is stored.
     pub(crate) fn put_file(&self, content: Fingerprint, source: &Path) -> Result<bool> {
         let mut file = File::open(source).map_err(Error::io("read", source))?;
         if content.size <= PART as u64 {
-            let part = read_part(&mut file).map_err(Error::io("read", source))?;
+            let part = read_part(&mut file, PART).map_err(Error::io("read", source))?;
             let matches = Digest::of(&part) == content.digest;
             if matches {
                 self.put_blob(content.digest, part)?;
@@ -178,18 +283,20 @@ impl Store {
             return Ok(matches);
         }
         let key = blob_key(content.digest);
-        let mut upload = block_on(self.objects.put_multipart(&Key::from(key.as_str())))
+        let mut upload = self
+            .wait(self.objects.put_multipart(&Key::from(key.as_str())))
             .map_err(self.error("write", &key))?;
         let sent = self.send_parts(upload.as_mut(), &key, &mut file, source);
         if matches!(sent, Ok(found) if found == content) {
-            block_on(upload.complete()).map_err(self.error("write", &key))?;
+            self.wait(upload.complete()).map_err(self.error("write", &key))?;
             return Ok(true);
         }
-        let aborted = block_on(upload.abort()).map_err(self.error("abort the upload of", &key));
+        let aborted = self.wait(upload.abort()).map_err(self.error("abort the upload of", &key));
         // The first error is the one to tell.
         sent.and(aborted).map(|()| false)
     }
 
+    /// Sends all of `file`; what it held.
     fn send_parts(
         &self,
         upload: &mut dyn MultipartUpload,
@@ -197,21 +304,31 @@ impl Store {
         file: &mut File,
         source: &Path,
     ) -> Result<Fingerprint> {
-        let mut hasher = Hasher::default();
-        loop {
-            let part = read_part(file).map_err(Error::io("read", source))?;
-            if part.is_empty() {
-                return Ok(hasher.finish());
+        let mut under_way = FuturesUnordered::<UploadPart>::new();
+        let sent = hash_meanwhile(|hash| {
+            loop {
+                let part = Bytes::from(read_part(file, PART).map_err(Error::io("read", source))?);
+                let at_most = if part.is_empty() { 0 } else { PARTS_UNDER_WAY - 1 };
+                while under_way.len() > at_most
+                    && let Some(sent) = self.wait(under_way.next())
+                {
+                    sent.map_err(self.error("write", key))?;
+                }
+                if part.is_empty() {
+                    return Ok(());
+                }
+                hash(part.clone());
+                under_way.push(upload.put_part(part.into()));
             }
-            hasher.update(&part);
-            block_on(upload.put_part(part.into())).map_err(self.error("write", key))?;
-        }
+        });
+        sent.map(|((), content)| content)
     }
 
     /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder.
     pub(crate) fn list(&self, prefix: &str) -> Result<Listing> {
         let location = Key::from(prefix);
-        let result = block_on(self.objects.list_with_delimiter(Some(&location)))
+        let result = self
+            .wait(self.objects.list_with_delimiter(Some(&location)))
             .map_err(self.error("list", prefix))?;
         let last = |key: &Key| key.filename().unwrap_or_default().to_owned();
         let mut listing = Listing {
@@ -228,7 +345,8 @@ impl Store {
         let mut found = Vec::new();
         let mut folders = vec![Key::from(prefix)];
         while let Some(folder) = folders.pop() {
-            let result = block_on(self.objects.list_with_delimiter(Some(&folder)))
+            let result = self
+                .wait(self.objects.list_with_delimiter(Some(&folder)))
                 .map_err(self.error("list", folder.as_ref()))?;
             folders.extend(result.common_prefixes);
             found.extend(result.objects.into_iter().map(Object::from));
@@ -238,16 +356,11 @@ impl Store {
 
     /// What the store knows about the object `key`; none if there is none.
     pub(crate) fn object(&self, key: &str) -> Result<Option<Object>> {
-        match block_on(self.objects.head(&Key::from(key))) {
+        match self.wait(self.objects.head(&Key::from(key))) {
             Ok(meta) => Ok(Some(meta.into())),
             Err(object_store::Error::NotFound { .. }) => Ok(None),
             Err(source) => Err(self.error("read", key)(source)),
         }
-    }
-
-    /// Removes an object.
-    pub(crate) fn remove(&self, key: &str) -> Result<()> {
-        block_on(self.objects.delete(&Key::from(key))).map_err(self.error("remove", key))
     }
 
     fn error(&self, action: &'static str, key: &str) -> impl FnOnce(object_store::Error) -> Error {
@@ -256,17 +369,18 @@ impl Store {
     }
 }
 
-/// The next bytes of `file`, fewer than a part only at its end.
-fn read_part(file: &mut File) -> io::Result<Vec<u8>> {
-    let mut part = Vec::new();
-    file.take(PART as u64).read_to_end(&mut part)?;
+/// The next bytes of `reader`, fewer than `size` only at its end.
+fn read_part(reader: &mut impl Read, size: usize) -> io::Result<Vec<u8>> {
+    let mut part = Vec::with_capacity(size);
+    reader.take(size as u64).read_to_end(&mut part)?;
     Ok(part)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::{Place, bytes};
+    use crate::fixture::{Place, bytes, quirky};
+    use crate::quirk::Quirk;
 
     fn put(place: &Place, store: &Store, content: Fingerprint, bytes: &[u8]) -> bool {
         let source = place.path("source");
@@ -284,6 +398,30 @@ mod tests {
             assert_eq!(store.read("a/c.json").unwrap(), None);
             assert_eq!(store.list("").unwrap().folders, ["a"]);
             assert_eq!(store.list("a").unwrap().objects, ["b.json"]);
+        }
+    }
+
+    /// An answer that is lost, or a request that nobody wins, must not look like another's version: that would leave a gap.
+    #[test]
+    fn what_is_written_is_known_as_ones_own() {
+        let store = quirky(Quirk::LosesAnswers);
+        assert!(store.create("a.json", b"mine".to_vec()).unwrap());
+        assert!(!store.create("a.json", b"other".to_vec()).unwrap());
+        let store = quirky(Quirk::DeniesEveryOther);
+        for key in ["a.json", "b.json", "c.json"] {
+            assert!(store.create(key, b"mine".to_vec()).unwrap());
+            assert!(!store.create(key, b"other".to_vec()).unwrap());
+            assert_eq!(store.read(key).unwrap().unwrap(), b"mine");
+        }
+    }
+
+    #[test]
+    fn of_a_large_document_a_byte_too_many_is_read() {
+        for place in Place::all() {
+            let store = place.store();
+            let data = bytes(DOCUMENT_LIMIT as usize + 7);
+            store.put("large.json", data.clone()).unwrap();
+            assert!(store.read("large.json").unwrap().unwrap() == data[..=DOCUMENT_LIMIT as usize]);
         }
     }
 

@@ -6,7 +6,8 @@ use crate::config::bad_input;
 use crate::output::{note, out};
 use anyhow::{Context, Result, bail};
 use registry::{
-    Model, ModelName, ModelRef, ModelVersion, Published, Pulled, Registry, Remark, Selector, Verification,
+    Location, Model, ModelName, ModelRef, ModelVersion, Published, Pulled, Registry, Remark, Selector,
+    Verification,
 };
 use std::path::{Path, PathBuf};
 
@@ -57,7 +58,7 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             );
             print_json(json, &found)?;
             if !found.problems.is_empty() {
-                bail!("{}: the registry is damaged; publish again what is lost", registry.registry.display());
+                bail!("{}: the registry is damaged; publish again what is lost", registry.registry);
             }
             Ok(())
         }
@@ -68,6 +69,30 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             model_diff::run(&Registry::open(&registry.registry)?, from, to, json)
         }
         cli::Model::Exchange(command) => model_export::run(command, json),
+        cli::Model::Init { registry } => {
+            let created = init(&registry.registry)?;
+            print_json(
+                json,
+                &serde_json::json!({ "registry": registry.registry.to_string(), "created": created }),
+            )
+        }
+    }
+}
+
+/// Creates a registry, or probes the one that is there. Says whether it was created.
+fn init(location: &Location) -> Result<bool> {
+    match Registry::open(location) {
+        Ok(registry) => {
+            registry.probe()?;
+            out!("{location}: the registry that is there is safe to publish to");
+            Ok(false)
+        }
+        Err(registry::Error::NoRegistry { .. }) => {
+            Registry::init(location)?;
+            out!("{location}: created; the store never overwrites what is there");
+            Ok(true)
+        }
+        Err(error) => Err(error.into()),
     }
 }
 
@@ -98,21 +123,24 @@ pub(crate) fn publish(
 }
 
 /// The folder of a model that a person names: a checkpoint's folder, or a version in the registry, which is then pulled into
-/// `pulled/` beside the registry's content.
-pub(crate) fn checkpoint(model: &str, registry: &Path) -> Result<PathBuf> {
+/// `pulled/` beside the registry's content, or here if that is in a bucket.
+pub(crate) fn checkpoint(model: &str, registry: &Location) -> Result<PathBuf> {
     let folder = PathBuf::from(model);
     if folder.is_dir() {
         return Ok(folder);
     }
-    let unknown = || {
-        let place = registry.display();
-        format!("{model} is neither a checkpoint's folder nor a model in the registry {place}")
-    };
+    let unknown =
+        || format!("{model} is neither a checkpoint's folder nor a model in the registry {registry}");
     let reference: ModelRef = model.parse().map_err(bad_input).with_context(unknown)?;
     let opened = Registry::open(registry).map_err(bad_input).with_context(unknown)?;
     let version = opened.show(&reference).map_err(bad_input).with_context(unknown)?;
     warn(&version);
-    let target = registry.join("pulled").join(format!("{}-{}", version.name, version.version));
+    let name = format!("{}-{}", version.name, version.version);
+    let target = match registry.folder() {
+        Some(folder) => folder.join("pulled").join(name),
+        // Any bucket may have a version of this name.
+        None => Path::new("pulled").join(format!("{name}-{}", &version.digest.hex()[..12])),
+    };
     // Exactly this version: an alias or the newest may be another one by now.
     let exact = ModelRef { name: version.name, selector: Selector::Version(version.version) };
     opened.pull(&exact, &target)?;

@@ -5,7 +5,7 @@ use crate::cli::{Exchange, ExportFormat};
 use crate::config::bad_input;
 use crate::output::out;
 use anyhow::{Context, Result, anyhow, bail};
-use registry::{ModelName, PrivateKey, PublicKey, Published, Registry, SignedFiles};
+use registry::{Location, ModelName, PrivateKey, PublicKey, Published, Registry, SignedFiles};
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -59,7 +59,7 @@ pub(crate) fn run(command: &Exchange, json: bool) -> Result<()> {
 }
 
 /// Publishes an exported model.
-fn import(folder: &Path, name: &str, registry: &Path) -> Result<Published> {
+fn import(folder: &Path, name: &str, registry: &Location) -> Result<Published> {
     let name: ModelName = name.parse().map_err(bad_input)?;
     if Registry::is_oci(folder) {
         return Ok(Registry::init(registry)?.import_oci(&name, folder)?);
@@ -79,7 +79,7 @@ pub(crate) fn verify(
     model: &str,
     public_key: &Path,
     signature: &Path,
-    registry: &Path,
+    registry: &Location,
     json: bool,
 ) -> Result<()> {
     let pem = read_key(public_key)?;
@@ -98,7 +98,7 @@ fn read_key(path: &Path) -> Result<String> {
 }
 
 /// The files of a model in a folder, or of a version in the registry, which are read and compared with their digests.
-fn files(model: &str, registry: &Path) -> Result<SignedFiles> {
+fn files(model: &str, registry: &Location) -> Result<SignedFiles> {
     let folder = Path::new(model);
     if folder.is_dir() {
         return Ok(SignedFiles::in_folder(folder)?);

@@ -30,7 +30,7 @@ use ::eval::trace::SessionRecord;
 use ::train::config::TrainConfig;
 use anyhow::{Context, Result, anyhow};
 use datagen::DatasetConfig;
-use registry::{Digest, Registry};
+use registry::{Digest, Location, Registry};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -250,13 +250,13 @@ impl Reproduction<'_> {
 
     /// Publishes the networks into the run's own registry; the folders from which they are used by name.
     fn publish(&self, trained: &BTreeMap<String, (PathBuf, Trained)>) -> Result<BTreeMap<String, PathBuf>> {
-        let root = self.out.join("registry");
-        let registry = Registry::init(&root)?;
+        let location = Location::from(&self.out.join("registry"));
+        let registry = Registry::init(&location)?;
         let mut published = BTreeMap::new();
         for (name, (_, trained)) in trained {
             let version = model::publish(&registry, &trained.checkpoint, name, None)?;
             let reference = format!("{name}@{}", version.version().version);
-            published.insert(name.clone(), model::checkpoint(&reference, &root)?);
+            published.insert(name.clone(), model::checkpoint(&reference, &location)?);
         }
         Ok(published)
     }

@@ -1,0 +1,236 @@
+//! The registry under attack: stores that will not do, many publishers at once with readers in between, SIGKILL.
+//!
+//! `FLOWSERVO_RACES` and `FLOWSERVO_KILLS` say how often; a few times by default.
+
+use crate::models::checkpoint;
+use crate::support::{Folder, Run};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// A number from the environment.
+fn how_often(variable: &str, default: usize) -> usize {
+    std::env::var(variable).map_or(default, |text| text.parse().unwrap())
+}
+
+#[test]
+fn a_registry_is_created_where_nothing_else_is() {
+    let folder = Folder::new();
+    assert_eq!(folder.run("model init --json").ok().json()["created"], true);
+    let again = folder.run("model init --json").ok();
+    assert_eq!(again.json()["created"], false);
+    assert_eq!(folder.files("models").keys().collect::<Vec<_>>(), ["registry.json"]);
+    folder.write("other/notes.txt", "mine");
+    folder.run("model init --registry other").fails(1, &["other", "notes.txt", "empty or a new folder"]);
+    folder.run("model list --registry nowhere").fails(1, &["nowhere", "model init"]);
+    folder.run("model init --registry gs://lab/models").fails(2, &["gs://lab/models", "s3://BUCKET/PREFIX"]);
+}
+
+#[cfg(not(feature = "s3"))]
+#[test]
+fn without_s3_it_is_said_how_to_build_with_it() {
+    let folder = Folder::new();
+    for command in ["list", "init", "publish run approach"] {
+        let run = folder.run(&format!("model {command} --registry s3://lab/models"));
+        run.fails(2, &["s3://lab/models", "cargo build --release --features s3"]);
+    }
+}
+
+/// How many publish at once.
+const PUBLISHERS: usize = 16;
+
+#[test]
+fn of_publishers_at_once_each_gets_a_version_and_readers_see_whole_ones() {
+    let rounds = how_often("FLOWSERVO_RACES", 3);
+    let folder = Folder::new();
+    let weights = |round: usize, publisher: usize| format!("{round} {publisher} ").repeat(5000);
+    for publisher in 0..PUBLISHERS {
+        checkpoint(&folder, &format!("run{publisher}"), "");
+    }
+    let mut published = Vec::new();
+    let racing = AtomicBool::new(true);
+    let seen = std::thread::scope(|scope| {
+        // Ends the reader also when an assertion fails here.
+        let _stop = OnDrop(|| racing.store(false, Ordering::Relaxed));
+        let reader = scope.spawn(|| read_all_the_time(&folder, &racing));
+        for round in 0..rounds {
+            for publisher in 0..PUBLISHERS {
+                folder.write(&format!("run{publisher}/weights.safetensors"), &weights(round, publisher));
+            }
+            let runs = publish_at_once(&folder);
+            published.extend(runs.into_iter().enumerate().map(|(publisher, run)| {
+                let version = run.ok().json()["version"].as_u64().unwrap();
+                (version, weights(round, publisher))
+            }));
+        }
+        racing.store(false, Ordering::Relaxed);
+        reader.join().unwrap()
+    });
+    published.sort();
+    let numbers: Vec<_> = published.iter().map(|(version, _)| *version).collect();
+    assert_eq!(numbers, (1..=(rounds * PUBLISHERS) as u64).collect::<Vec<_>>(), "distinct, and none lost");
+    for (version, weights) in &published {
+        let stored = stored_weights(&folder, *version);
+        assert!(stored == weights.as_bytes(), "approach@{version} has the weights of another");
+    }
+    for (version, pulled) in &seen {
+        assert!(
+            published[*version as usize - 1].1.as_bytes() == pulled,
+            "approach@{version} was half visible"
+        );
+    }
+    assert!(!seen.is_empty(), "nothing was pulled meanwhile");
+    folder.run("model verify").ok();
+    let lost = unnamed_blobs(&folder, rounds * PUBLISHERS);
+    assert!(lost > 0, "nobody lost a race, so there was none");
+    eprintln!("{} versions, {lost} lost races, {} pulled meanwhile", published.len(), seen.len());
+}
+
+/// Calls a function when dropped.
+struct OnDrop<F: Fn()>(F);
+
+impl<F: Fn()> Drop for OnDrop<F> {
+    fn drop(&mut self) {
+        self.0();
+    }
+}
+
+fn publish_at_once(folder: &Folder) -> Vec<Run> {
+    let start = Barrier::new(PUBLISHERS);
+    let publish = |publisher: usize| {
+        start.wait();
+        folder.run(&format!("model publish run{publisher} approach --json"))
+    };
+    std::thread::scope(|scope| {
+        let publish = &publish;
+        let threads: Vec<_> =
+            (0..PUBLISHERS).map(|publisher| scope.spawn(move || publish(publisher))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    })
+}
+
+/// Lists, verifies and pulls until the race is over; all versions that were pulled, with their weights.
+fn read_all_the_time(folder: &Folder, racing: &AtomicBool) -> Vec<(u64, Vec<u8>)> {
+    let (mut seen, mut newest) = (Vec::new(), 0);
+    while racing.load(Ordering::Relaxed) {
+        let listed = folder.run("model list --json");
+        if !listed.succeeded() {
+            listed.fails(1, &["no registry here"]);
+            continue;
+        }
+        let listed = listed.json();
+        let Some(versions) = listed[0]["versions"].as_array() else { continue };
+        let versions: Vec<_> = versions.iter().map(|version| version.as_u64().unwrap()).collect();
+        assert_eq!(versions, (1..=versions.len() as u64).collect::<Vec<_>>());
+        assert!(versions.len() >= newest, "a version is gone");
+        newest = versions.len();
+        folder.run("model verify approach").ok();
+        let out = format!("pulled{}", seen.len());
+        let pulled = folder.run(&format!("model pull approach --out {out} --json")).ok().json();
+        let weights = fs::read(folder.path(&out).join("weights.safetensors")).unwrap();
+        seen.push((pulled["version"].as_u64().unwrap(), weights));
+    }
+    seen
+}
+
+/// The manifest of a version of `approach`.
+fn manifest(folder: &Folder, version: u64) -> Value {
+    let path = folder.path(&format!("models/models/approach/versions/{version:06}.json"));
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// Path of the blob that a descriptor names.
+fn blob(descriptor: &Value) -> String {
+    let hex = descriptor["digest"].as_str().unwrap().strip_prefix("sha256:").unwrap();
+    format!("models/blobs/sha256/{}/{hex}", &hex[..2])
+}
+
+/// The weights of a version, as they lie in the store.
+fn stored_weights(folder: &Folder, version: u64) -> Vec<u8> {
+    let manifest = manifest(folder, version);
+    let layers = manifest["layers"].as_array().unwrap();
+    let layer = layers.iter().find(|layer| layer["annotations"].to_string().contains("weights")).unwrap();
+    fs::read(folder.path(&blob(layer))).unwrap()
+}
+
+/// How many blobs no version names: the manifests of those who found their number taken.
+fn unnamed_blobs(folder: &Folder, versions: usize) -> usize {
+    let mut named = BTreeSet::new();
+    for version in 1..=versions as u64 {
+        let manifest = manifest(folder, version);
+        named.extend(manifest["layers"].as_array().unwrap().iter().map(blob));
+        named.insert(blob(&manifest["config"]));
+    }
+    folder.files("models/blobs").len() - named.len() - versions
+}
+
+/// When to kill a publication.
+#[derive(Debug, Clone, Copy)]
+enum Moment {
+    /// So long after it began.
+    After(Duration),
+    /// As soon as a file of a blob is begun.
+    Begun,
+    /// As soon as there are so many files more.
+    Files(usize),
+    /// As soon as the version has got its number.
+    Numbered,
+}
+
+#[test]
+fn a_publication_may_be_killed_at_any_moment() {
+    let folder = Folder::new();
+    folder.run("model init").ok();
+    let versions = folder.path("models/models/approach/versions");
+    let blobs = folder.path("models/blobs");
+    let numbered = || entries(&versions, &|name| !name.contains('#'));
+    let (mut kills, mut random, mut halves) = (0, 11_u64, 0);
+    let wanted = how_often("FLOWSERVO_KILLS", 20);
+    for round in 0.. {
+        if kills == wanted {
+            break;
+        }
+        assert!(round < 4 * wanted, "{kills} kills in {round} rounds");
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        // Every third is large enough to be written in parts.
+        let size = if round % 3 == 0 { 10_000_000 } else { 1000 };
+        checkpoint(&folder, "run", &format!("{round:09}\n").repeat(size / 10));
+        let moment = match round % 8 {
+            0 | 1 => Moment::After(Duration::from_micros((random >> 33) % 60_000)),
+            2 | 3 => Moment::Begun,
+            7 => Moment::Numbered,
+            more => Moment::Files(more - 3),
+        };
+        let (begun, before) = (Instant::now(), (entries(&blobs, &|_| true), numbered()));
+        let killed = folder.run_and_kill("model publish run approach", || match moment {
+            Moment::After(delay) => begun.elapsed() >= delay,
+            Moment::Begun => entries(&blobs, &|name| name.contains('#')) > halves,
+            Moment::Files(more) => entries(&blobs, &|_| true) >= before.0 + more,
+            Moment::Numbered => numbered() > before.1,
+        });
+        kills += usize::from(killed);
+        halves = entries(&blobs, &|name| name.contains('#'));
+        folder.run("model verify").ok();
+        assert!(numbered() <= before.1 + 1);
+        let again = folder.run("model publish run approach --json").ok().json();
+        assert_eq!(again["version"].as_u64().unwrap() as usize, before.1 + 1, "after {moment:?}");
+        assert_eq!(numbered(), before.1 + 1);
+    }
+    folder.run("model verify").ok();
+    assert!(halves > 0, "no kill was in the midst of a blob");
+    eprintln!("{kills} kills, {halves} of them in the midst of a blob, {} versions", numbered());
+}
+
+/// How many files lie below a folder whose name is such.
+fn entries(folder: &Path, such: &dyn Fn(&str) -> bool) -> usize {
+    let Ok(found) = fs::read_dir(folder) else { return 0 };
+    let count = |entry: fs::DirEntry| match entry.file_type() {
+        Ok(kind) if kind.is_dir() => entries(&entry.path(), such),
+        _ => usize::from(such(&entry.file_name().to_string_lossy())),
+    };
+    found.filter_map(Result::ok).map(count).sum()
+}

@@ -1,0 +1,231 @@
+"""A registry in buckets with good and bad habits, on a server in this process: bucket.py FLOWSERVO."""
+
+import hashlib
+import json
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import boto3
+from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+from werkzeug.serving import make_server
+
+FLOWSERVO = sys.argv[1]
+ROUNDS = int(os.environ.get("FLOWSERVO_RACES", 3))
+PUBLISHERS = 16
+
+
+class Server:
+    """moto, one request at a time: it looks for the object first and writes it after, which two threads would do at once."""
+
+    def __init__(self):
+        self.moto = DomainDispatcherApplication(create_backend_app)
+        self.answered = set()
+        self.refused = 0
+        self.server = make_server("127.0.0.1", 0, self.answer, threaded=False)
+        self.address = f"http://127.0.0.1:{self.server.port}"
+        threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+    def answer(self, environ, start_response):
+        bucket, _, key = environ["PATH_INFO"].lstrip("/").partition("/")
+        conditional = environ["REQUEST_METHOD"] == "PUT" and "HTTP_IF_NONE_MATCH" in environ
+        if conditional and bucket == "forgetful":
+            del environ["HTTP_IF_NONE_MATCH"]
+
+        if conditional and bucket == "lossy" and "/versions/" in key and key not in self.answered:
+            # Done, and nobody is told.
+            self.answered.add(key)
+            list(self.moto(environ, lambda *_: None))
+            start_response("503 Service Unavailable", [("Content-Length", "0")])
+            return []
+
+        def count(status, headers, *rest):
+            self.refused += bucket == "lab" and "/versions/" in key and status.startswith("412")
+            return start_response(status, headers, *rest)
+
+        return self.moto(environ, count)
+
+
+def run(*arguments, code=0):
+    done = subprocess.run([FLOWSERVO, "model", *arguments], capture_output=True, text=True)
+    assert done.returncode == code, f"{arguments}: {done.returncode}, not {code}\n{done.stdout}{done.stderr}"
+    return done.stdout if code == 0 else done.stderr
+
+
+def result(*arguments):
+    return json.loads(run(*arguments, "--json").splitlines()[-1])
+
+
+def checkpoint(name, weights):
+    network = {"trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8}
+    camera = {"width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0}
+    info = {
+        "format": 2,
+        "task": {"kind": "avoidance", "network": network},
+        "standardization": None,
+        "camera": camera,
+        "datasets": [{"name": "avoid", "digest": "ab" * 32, "rows": 4}],
+        "seed": 5,
+        "epoch": None,
+        "weights_sha256": "",
+    }
+    folder = Path(name)
+    folder.mkdir(exist_ok=True)
+    (folder / "model.json").write_text(json.dumps(info))
+    (folder / "config.toml").write_text("seed = 5\n")
+    (folder / "weights.safetensors").write_bytes(weights)
+    return name
+
+
+def keys(s3, bucket):
+    pages = s3.get_paginator("list_objects_v2").paginate(Bucket=bucket)
+    return [entry["Key"] for page in pages for entry in page.get("Contents", [])]
+
+
+def creation(s3):
+    assert result("init", "--registry", "s3://lab/models")["created"]
+    assert not result("init", "--registry", "s3://lab/models")["created"]
+    assert keys(s3, "lab") == ["models/registry.json"], "the probe is gone"
+    refusal = run("init", "--registry", "s3://forgetful/models", code=1)
+    assert "s3://forgetful/models" in refusal and "ignores the condition" in refusal, refusal
+    refusal = run("publish", checkpoint("run", b"x"), "approach", "--registry", "s3://forgetful", code=1)
+    assert "ignores the condition" in refusal, refusal
+    assert keys(s3, "forgetful") == []
+    assert "no registry here" in run("list", "--registry", "s3://lab/other", code=1)
+    unencrypted = os.environ.pop("AWS_ALLOW_HTTP")
+    assert "AWS_ALLOW_HTTP=true" in run("list", "--registry", "s3://lab/models", code=1)
+    os.environ["AWS_ALLOW_HTTP"] = unencrypted
+
+
+def races(server):
+    place = ("--registry", "s3://lab/models")
+    published, seen, racing = {}, [], threading.Event()
+    racing.set()
+
+    def read():
+        while racing.is_set():
+            for model in result("list", *place)[-1:]:
+                name, versions = model["name"], model["versions"]
+                assert versions == list(range(1, len(versions) + 1)), versions
+                out = f"pulled{len(seen)}"
+                version = result("pull", name, "--out", out, *place)["version"]
+                seen.append(((name, version), Path(out, "weights.safetensors").read_bytes()))
+
+    with ThreadPoolExecutor(PUBLISHERS + 1) as pool:
+        reader = pool.submit(read)
+        try:
+            for round_ in range(ROUNDS):
+                # Who publishes reads all versions of the name, which this server takes its time for.
+                name = f"approach-{round_ // 5:02}"
+                weights = [f"{round_} {i} ".encode() * 5000 for i in range(PUBLISHERS)]
+                runs = [checkpoint(f"run{i}", content) for i, content in enumerate(weights)]
+                versions = pool.map(lambda run, name=name: result("publish", run, name, *place)["version"], runs)
+                for version, content in zip(versions, weights):
+                    assert published.setdefault((name, version), content) is content, "a version was given twice"
+        finally:
+            racing.clear()
+        reader.result()
+    models = {model["name"]: model["versions"] for model in result("list", *place)}
+    assert sorted(published) == [(name, version) for name in sorted(models) for version in models[name]]
+    assert len(published) == ROUNDS * PUBLISHERS
+    assert seen and all(published[version] == weights for version, weights in seen)
+    for (name, version), weights in published.items():
+        digest = "sha256:" + hashlib.sha256(weights).hexdigest()
+        layers = result("show", f"{name}@{version}", *place)["manifest"]["layers"]
+        assert digest in [layer["digest"] for layer in layers], f"{name}@{version} has the weights of another"
+    run("verify", *place)
+    assert server.refused, "nobody lost a race, so there was none"
+    print(f"{len(published)} versions, {server.refused} lost races, {len(seen)} pulled meanwhile")
+
+
+def lost_answers(server):
+    for number in range(1, 4):
+        said = run("publish", checkpoint("run", b"%d" % number), "approach", "--registry", "s3://lossy")
+        assert f"published approach@{number}" in said, said
+    assert len(server.answered) == 3
+    run("verify", "--registry", "s3://lossy")
+
+
+def kills():
+    place = ("--registry", "s3://lab/killed")
+    for number in range(1, 11):
+        # Every other is large enough to be sent in parts.
+        checkpoint("run", b"%08d" % number * (2_000_000 if number % 2 else 10))
+        publisher = subprocess.Popen(
+            [FLOWSERVO, "model", "publish", "run", "approach", *place], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        time.sleep(0.03 * number)
+        publisher.kill()
+        publisher.wait()
+        if number > 1:
+            run("verify", *place)
+        assert result("publish", "run", "approach", *place)["version"] == number
+    run("verify", *place)
+
+
+def peak_memory(process):
+    """MiB that a process took at most, as far as the system says."""
+    peak = 0
+    while process.poll() is None:
+        status = Path(f"/proc/{process.pid}/status")
+        lines = status.read_text().splitlines() if status.exists() else []
+        peak = max([peak] + [int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")])
+        time.sleep(0.005)
+    return peak
+
+
+def large(s3):
+    place = ("--registry", "s3://lab/large")
+    weights = os.urandom(100_000_000)
+    checkpoint("large", weights)
+    begun = time.monotonic()
+    publisher = subprocess.Popen([FLOWSERVO, "model", "publish", "large", "approach", *place], stdout=subprocess.DEVNULL)
+    peak = peak_memory(publisher)
+    assert publisher.returncode == 0
+    published = time.monotonic()
+    run("pull", "approach", "--out", "back", *place)
+    pulled = time.monotonic()
+    assert Path("back/weights.safetensors").read_bytes() == weights
+    print(f"100 MB: published in {published - begun:.1f} s, pulled in {pulled - published:.1f} s, {peak:.0f} MiB at most")
+    assert peak < 100
+    layers = result("show", "approach", *place)["manifest"]["layers"]
+    digest = next(layer["digest"] for layer in layers if layer["size"] == len(weights)).removeprefix("sha256:")
+    damaged = bytearray(weights)
+    damaged[50_000_000] ^= 1
+    s3.put_object(Bucket="lab", Key=f"large/blobs/sha256/{digest[:2]}/{digest}", Body=bytes(damaged))
+    assert "damaged" in run("verify", *place, code=1)
+    assert "weights.safetensors" in run("pull", "approach", "--out", "never", *place, code=1)
+    assert not Path("never").exists()
+
+
+def main():
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = Server()
+    os.environ.update(
+        AWS_ENDPOINT_URL=server.address,
+        AWS_ALLOW_HTTP="true",
+        AWS_REGION="us-east-1",
+        AWS_ACCESS_KEY_ID="anybody",
+        AWS_SECRET_ACCESS_KEY="anything",
+    )
+    s3 = boto3.client("s3", endpoint_url=server.address, region_name="us-east-1")
+    for bucket in ("lab", "forgetful", "lossy"):
+        s3.create_bucket(Bucket=bucket)
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        creation(s3)
+        races(server)
+        lost_answers(server)
+        kills()
+        large(s3)
+    print("the registry in a bucket keeps its promises")
+
+
+if __name__ == "__main__":
+    main()
