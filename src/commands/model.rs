@@ -45,23 +45,7 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
         cli::Model::Verify { model: Some(model), public_key: Some(key), signature, registry } => {
             model_export::verify(model, key, signature, &registry.registry, json)
         }
-        cli::Model::Verify { model, registry, .. } => {
-            let asked = model.as_deref().map(reference).transpose()?;
-            let found = Registry::open(&registry.registry)?.verify(asked.as_ref())?;
-            for problem in &found.problems {
-                out!("{problem}");
-            }
-            let Verification { versions, blobs, entries, problems, .. } = &found;
-            out!(
-                "{versions} versions, {blobs} files read, {entries} entries of aliases and yanks, {} problems",
-                problems.len()
-            );
-            print_json(json, &found)?;
-            if !found.problems.is_empty() {
-                bail!("{}: the registry is damaged; publish again what is lost", registry.registry);
-            }
-            Ok(())
-        }
+        cli::Model::Verify { model, registry, .. } => verify(model.as_deref(), &registry.registry, json),
         cli::Model::Alias(arguments) => model_alias::alias(arguments, json),
         cli::Model::Yank(arguments) => model_alias::yank(arguments, json),
         cli::Model::Gc(arguments) => model_gc::run(arguments, json),
@@ -77,6 +61,25 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             )
         }
     }
+}
+
+/// Reads everything, or all of one version.
+fn verify(model: Option<&str>, location: &Location, json: bool) -> Result<()> {
+    let asked = model.map(reference).transpose()?;
+    let found = Registry::open(location)?.verify(asked.as_ref())?;
+    for problem in &found.problems {
+        out!("{problem}");
+    }
+    let Verification { versions, blobs, entries, problems, .. } = &found;
+    out!(
+        "{versions} versions, {blobs} files read, {entries} entries of aliases and yanks, {} problems",
+        problems.len()
+    );
+    print_json(json, &found)?;
+    if !found.problems.is_empty() {
+        bail!("{location}: the registry is damaged; publish again what is lost");
+    }
+    Ok(())
 }
 
 /// Creates a registry, or probes the one that is there. Says whether it was created.
