@@ -222,7 +222,7 @@ fn a_publication_may_be_killed_at_any_moment() {
     }
     folder.run("model verify").ok();
     assert!(halves > 0, "no kill was in the midst of a blob");
-    eprintln!("{kills} kills, {halves} of them in the midst of a blob, {} versions", numbered());
+    eprintln!("{kills} kills, {halves} half-written blobs left, {} versions", numbered());
 }
 
 /// How many files lie below a folder whose name is such.

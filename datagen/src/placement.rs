@@ -44,7 +44,6 @@ pub struct HandPlacement {
 pub struct Sampler<'a> {
     environment: &'a Environment,
     camera: Camera,
-    judge: Renderer,
     target: &'a TargetConfig,
     obstacles: &'a ObstacleConfig,
     motions: &'a [MotionConfig],
@@ -61,15 +60,13 @@ impl<'a> Sampler<'a> {
         rejection: &'a RejectionConfig,
     ) -> Self {
         let camera = environment.camera.clone();
-        let judge = Renderer::new(judging(&camera, &environment.config.camera));
-        Self { environment, camera, judge, target, obstacles, motions, rejection }
+        Self { environment, camera, target, obstacles, motions, rejection }
     }
 
     /// The same for a camera that is mounted differently.
     #[must_use]
     pub fn mounted(mut self, hand_from_camera: &Isometry3<f64>) -> Self {
         self.camera.hand_from_camera = *hand_from_camera;
-        self.judge = Renderer::new(judging(&self.camera, &self.environment.config.camera));
         self
     }
 
@@ -197,9 +194,10 @@ impl<'a> Sampler<'a> {
         robot_from_hand: &Isometry3<f64>,
         scene: &Scene,
     ) -> std::result::Result<(), Reason> {
-        let robot_from_camera = robot_from_hand * self.judge.camera().hand_from_camera;
-        let visible = self.judge.pixels_of(TARGET, scene, &robot_from_camera);
-        let Camera { width, height, .. } = self.judge.camera();
+        let judge = Renderer::new(judging(&self.camera, &self.environment.config.camera));
+        let robot_from_camera = robot_from_hand * self.camera.hand_from_camera;
+        let visible = judge.pixels_of(TARGET, scene, &robot_from_camera);
+        let Camera { width, height, .. } = judge.camera();
         let enough = visible as f64 >= self.rejection.min_target_area * f64::from(width * height);
         if enough { Ok(()) } else { Err(Reason::HardlyVisible) }
     }

@@ -12,24 +12,11 @@ set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 repository="$here/../.."
 target="${CARGO_TARGET_DIR:-$repository/target}"
-requirements="$here/models.txt"
 
-skip() {
-    echo "skipped: $1"
-    [ "${FLOWSERVO_REQUIRE_PYTHON:-0}" != 1 ]
-    exit
-}
-
+. "$here/environment.sh"
 python="${FLOWSERVO_PYTHON:-$target/python-models/bin/python}"
-if [ -z "${FLOWSERVO_PYTHON:-}" ] && ! cmp -s "$requirements" "$target/python-models/requirements.txt"; then
-    venv="$target/python-models"
-    python3 -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
-        || skip "no Python 3.11 or newer with venv"
-    mkdir -p "$target"
-    python3 -m venv --clear "$venv"
-    "$venv/bin/pip" install --quiet --disable-pip-version-check --retries 1 --timeout 20 --requirement "$requirements" \
-        >"$venv/pip.log" 2>&1 || skip "the packages cannot be installed; $venv/pip.log says why"
-    cp "$requirements" "$venv/requirements.txt"
+if [ -z "${FLOWSERVO_PYTHON:-}" ]; then
+    environment "$target/python-models" "$here/models.txt" "${FLOWSERVO_REQUIRE_PYTHON:-0}"
 fi
 
 program="${1:-$(ls -t "$target"/{debug,release}/flowservo 2>/dev/null | head -n 1)}" || true

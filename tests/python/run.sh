@@ -9,23 +9,9 @@ here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 repository="$here/../.."
 target="${CARGO_TARGET_DIR:-$repository/target}"
 venv="$target/python"
-requirements="$here/requirements.txt"
 
-skip() {
-    echo "skipped: $1"
-    [ "${FLOWSERVO_REQUIRE_PYTHON:-0}" != 1 ]
-    exit
-}
-
-if ! cmp -s "$requirements" "$venv/requirements.txt"; then
-    python3 -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
-        || skip "no Python 3.11 or newer with venv"
-    mkdir -p "$target"
-    python3 -m venv --clear "$venv"
-    "$venv/bin/pip" install --quiet --disable-pip-version-check --retries 1 --timeout 20 --requirement "$requirements" \
-        >"$venv/pip.log" 2>&1 || skip "the packages cannot be installed; $venv/pip.log says why"
-    cp "$requirements" "$venv/requirements.txt"
-fi
+. "$here/environment.sh"
+environment "$venv" "$here/requirements.txt" "${FLOWSERVO_REQUIRE_PYTHON:-0}"
 
 if [ $# -gt 0 ]; then
     flowservo=("$1")

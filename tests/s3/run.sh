@@ -9,27 +9,14 @@ set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 target="${CARGO_TARGET_DIR:-$here/../../target}"
 venv="$target/s3"
-requirements="$here/requirements.txt"
 
-skip() {
-    echo "skipped: $1"
-    [ "${FLOWSERVO_REQUIRE_S3:-0}" != 1 ]
-    exit
-}
-
+. "$here/../python/environment.sh"
+required="${FLOWSERVO_REQUIRE_S3:-0}"
 flowservo="${1:-$(ls -t "$target"/{debug,release}/flowservo 2>/dev/null | head -n 1)}"
-[ -x "$flowservo" ] || skip "flowservo is not built; cargo build --features s3"
+[ -x "$flowservo" ] || skip "$required" "flowservo is not built; cargo build --features s3"
 case "$("$flowservo" model list --registry s3:// 2>&1)" in
-    *"built without S3"*) skip "$flowservo was built without S3; cargo build --features s3" ;;
+    *"built without S3"*) skip "$required" "$flowservo was built without S3; cargo build --features s3" ;;
 esac
 
-if ! cmp -s "$requirements" "$venv/requirements.txt"; then
-    python3 -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
-        || skip "no Python 3.11 or newer with venv"
-    mkdir -p "$target"
-    python3 -m venv --clear "$venv"
-    "$venv/bin/pip" install --quiet --disable-pip-version-check --retries 1 --timeout 20 --requirement "$requirements" \
-        >"$venv/pip.log" 2>&1 || skip "the packages cannot be installed; $venv/pip.log says why"
-    cp "$requirements" "$venv/requirements.txt"
-fi
+environment "$venv" "$here/requirements.txt" "$required"
 PYTHONDONTWRITEBYTECODE=1 "$venv/bin/python" "$here/bucket.py" "$(realpath "$flowservo")"
