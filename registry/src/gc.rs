@@ -162,7 +162,7 @@ impl References {
 fn is_numbered(key: &str) -> bool {
     let kind = key.split('/').nth(2);
     let object = key.rsplit('/').next().unwrap_or(key);
-    kind.is_some_and(|kind| matches!(kind, "versions" | "aliases" | "yanks"))
+    kind.is_some_and(|kind| matches!(kind, "versions" | "aliases" | "yanks" | "attachments"))
         && (version_number(object).is_some() || entry_number(object).is_some())
 }
 
@@ -222,7 +222,7 @@ fn file(path: &Path, key: &str) -> Result<Option<Object>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::{Place, flip, model};
+    use crate::fixture::{Place, flip, model, now};
     use crate::log::{Expect, Remark};
     use crate::manifest::Provenance;
     use crate::store::version_key;
@@ -241,12 +241,6 @@ mod tests {
             registry.store.put_blob(Digest::of(orphan), orphan.to_vec()).unwrap();
         }
         registry
-    }
-
-    /// Here stores tell the time of the machine.
-    #[expect(clippy::disallowed_methods, reason = "what is written now is as old as the clock says")]
-    fn now() -> SystemTime {
-        SystemTime::now()
     }
 
     fn in_days(days: u32) -> SystemTime {
