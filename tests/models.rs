@@ -248,6 +248,7 @@ fn a_signature_holds_for_what_was_signed() {
     folder.run("model sign avoid@1 --key key.pem --out one.sig").ok();
     folder.run("model sign avoid@1 --key key.pem --out one.sig").fails(1, &["one.sig", "never"]);
     folder.run("model sign avoid@1 --key pub.pem --out x.sig").fails(2, &["pub.pem", "private key"]);
+    assert!(!folder.path("model.sig").exists(), "the signature is in the registry");
     folder.run("model pull avoid@1 --out pulled").ok();
     for model in ["avoid@1", "pulled"] {
         folder.run(&format!("model verify {model} --public-key pub.pem --signature one.sig")).ok();
@@ -256,8 +257,88 @@ fn a_signature_holds_for_what_was_signed() {
     folder.run(other).fails(1, &["one.sig", "weights.safetensors"]);
     folder.run("model verify avoid@1 --public-key key.pem --signature one.sig").fails(2, &["public key"]);
     folder.run("model verify --public-key pub.pem").fails(2, &["MODEL"]);
+    folder.run("model sign pulled --key key.pem").ok();
+    folder.run("model verify pulled --public-key pub.pem").ok();
     folder.write("pulled/weights.safetensors", "One");
     folder
         .run("model verify pulled --public-key pub.pem --signature one.sig")
         .fails(1, &["weights.safetensors"]);
+}
+
+/// Another key, made with `openssl ecparam`.
+const OTHER_KEY: &str = "-----BEGIN EC PRIVATE KEY-----\n\
+MHcCAQEEID2CibQXA+y1m2J6wOdtI6cD9xDO5fecOqk7GvbkR4bYoAoGCCqGSM49\n\
+AwEHoUQDQgAEBgiPsY0Es4qnhEqO2rv1dI7jByWPL29KFdy5+V6TMZ3X/sjxKw8K\n\
+OrzWbTml/CofJ123vjc3+X9L3L4hDBqagQ==\n\
+-----END EC PRIVATE KEY-----\n";
+
+#[test]
+fn a_signature_stays_with_its_version() {
+    let folder = Folder::new();
+    checkpoint(&folder, "first", "one");
+    checkpoint(&folder, "second", "two");
+    for (file, text) in [("key.pem", KEY), ("pub.pem", PUBLIC_KEY), ("other.pem", OTHER_KEY)] {
+        folder.write(file, text);
+    }
+    folder.run("model publish first avoid").ok();
+    folder.run("model publish second avoid").ok();
+    let verify = "model verify avoid@1 --public-key pub.pem";
+    folder.run(verify).fails(1, &["avoid@1 is not signed with this key", "no signature is attached"]);
+    let pull = "model pull avoid@1 --out pulled --public-key pub.pem";
+    folder.run(pull).fails(1, &["avoid@1 is not signed"]);
+    folder.run("model sign avoid@1 --key other.pem --out other.sig").ok();
+    folder.run(pull).fails(1, &["of 1 attached none is by"]);
+    assert!(!folder.path("pulled").exists());
+    folder.run(&pull.replace("pub.pem", "other.pem")).fails(2, &["public key"]);
+
+    let signed = folder.run("model sign avoid@1 --key key.pem --json").ok();
+    assert!(signed.stdout().contains("avoid@1: signature attached"), "{}", signed.stdout());
+    assert_eq!(
+        (&signed.json()["changed"], &signed.json()["attachment"]["number"]),
+        (&true.into(), &2.into())
+    );
+    assert_eq!(folder.run("model sign avoid@1 --key key.pem --json").ok().json()["changed"], false);
+    assert_eq!(folder.run(&format!("{verify} --json")).ok().json()["attachment"], 2);
+    folder.run(pull).ok();
+    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "one");
+    folder.run("model verify avoid --public-key pub.pem").fails(1, &["avoid@2", "no signature"]);
+
+    let shown = folder.run("model show avoid@1 --json").ok();
+    assert!(shown.stdout().contains("  2 signatures\n"), "{}", shown.stdout());
+    let created = shown.json()["manifest"]["annotations"]["org.opencontainers.image.created"].clone();
+    assert!(shown.stdout().contains(&format!("published {}", created.as_str().unwrap())));
+    let hints: Vec<_> = (0..2)
+        .map(|i| shown.json()["attachments"][i]["signature"]["key_hint"].as_str().unwrap().to_owned())
+        .collect();
+    for hint in &hints {
+        assert!(shown.stdout().contains(&format!("signature by key {hint} (2")), "{}", shown.stdout());
+    }
+
+    // By another tool, in a file; and not of another version.
+    let again = folder.run("model attach avoid@1 --signature other.sig").ok().stdout();
+    assert!(again.contains("has this signature already"), "{again}");
+    folder.run("model attach avoid@2 --signature other.sig").fails(1, &["weights.safetensors"]);
+    folder
+        .run("model attach avoid@2 --signature first/config.toml")
+        .fails(1, &["first/config.toml", "no Sigstore bundle"]);
+    folder.run("model attach avoid@2").fails(2, &["--evaluation", "--signature"]);
+    folder.run("model gc --older-than 0s --delete").ok();
+    let verified = folder.run("model verify --json").ok().json();
+    assert_eq!((&verified["entries"], &verified["versions"]), (&2.into(), &2.into()));
+
+    // A flipped bit in what is attached is found; the other signature holds nevertheless.
+    let digest = shown.json()["attachments"][0]["attached"]["digest"].as_str().unwrap()[7..].to_owned();
+    let blob = folder.path(&format!("models/blobs/sha256/{}/{digest}", &digest[..2]));
+    let mut bytes = std::fs::read(&blob).unwrap();
+    bytes[100] ^= 1;
+    std::fs::write(&blob, bytes).unwrap();
+    for all in ["", " avoid@1"] {
+        let found = folder.run(&format!("model verify{all}"));
+        found.fails(1, &["damaged"]);
+        assert!(found.stdout().contains("avoid@1/attachments: "), "{}", found.stdout());
+    }
+    folder.run(verify).ok();
+    folder.run(pull).ok();
+    folder.run("model sign avoid@1 --key other.pem").ok();
+    folder.run("model verify").ok();
 }

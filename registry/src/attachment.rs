@@ -173,7 +173,6 @@ mod tests {
     use super::*;
     use crate::digest::Digest;
     use crate::fixture::{Place, evaluation, flip, key, model};
-    use crate::gc::GRACE;
     use crate::log::Expect;
     use crate::store::blob_key;
 
@@ -370,27 +369,6 @@ mod tests {
         assert!(registry.create_entry(&log, &nothing).unwrap());
         let refusal = registry.attachments(&version).unwrap_err().to_string();
         assert!(refusal.contains("000000004.json") && refusal.contains("attached"), "{refusal}");
-    }
-
-    #[test]
-    fn is_no_garbage() {
-        for place in Place::all() {
-            let (registry, version) = with_attachments(&place);
-            registry.store.put_blob(Digest::of(b"orphan"), b"orphan".to_vec()).unwrap();
-            let later = crate::fixture::now() + 2 * GRACE;
-            let garbage = registry.garbage(later, GRACE).unwrap();
-            assert_eq!(garbage.len(), 1, "{garbage:?}");
-            assert_eq!(registry.delete_garbage(garbage, later, GRACE).unwrap().len(), 1);
-            assert!(registry.verify(None).unwrap().problems.is_empty());
-            for entry in registry.attachments(&version).unwrap() {
-                registry.attachment(&version, &entry).unwrap().unwrap();
-            }
-        }
-        // What an altered entry named can no longer be told from garbage.
-        let place = Place::local();
-        let (registry, _) = with_attachments(&place);
-        flip(&place.path("registry"), &format!("{LOG}/000000001.json"));
-        assert!(matches!(registry.garbage(crate::fixture::now(), GRACE), Err(Error::Damaged(_))));
     }
 
     /// Content that was damaged is mended where it is attached again.

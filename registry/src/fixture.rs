@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
-use std::time::SystemTime;
 
 use object_store::memory::InMemory;
 use p256::SecretKey;
@@ -100,12 +99,6 @@ pub(crate) fn evaluation(metric: &str, value: f64) -> Attachment {
 pub(crate) fn key(scalar: u8) -> PrivateKey {
     let secret = SecretKey::from_slice(&[scalar; 32]).unwrap();
     PrivateKey::from_pem(&secret.to_pkcs8_pem(LineEnding::LF).unwrap()).unwrap()
-}
-
-/// Here stores tell the time of the machine.
-#[expect(clippy::disallowed_methods, reason = "what is written now is as old as the clock says")]
-pub(crate) fn now() -> SystemTime {
-    SystemTime::now()
 }
 
 /// Bytes with no period that a part or buffer could hide.
