@@ -1,4 +1,4 @@
-//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign.
+//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign, attach.
 
 use crate::support::Folder;
 
@@ -272,62 +272,90 @@ AwEHoUQDQgAEBgiPsY0Es4qnhEqO2rv1dI7jByWPL29KFdy5+V6TMZ3X/sjxKw8K\n\
 OrzWbTml/CofJ123vjc3+X9L3L4hDBqagQ==\n\
 -----END EC PRIVATE KEY-----\n";
 
-#[test]
-fn a_signature_stays_with_its_version() {
-    let folder = Folder::new();
-    checkpoint(&folder, "first", "one");
-    checkpoint(&folder, "second", "two");
+/// Two versions of `avoid`, and keys.
+fn with_keys() -> Folder {
+    let folder = two_versions();
     for (file, text) in [("key.pem", KEY), ("pub.pem", PUBLIC_KEY), ("other.pem", OTHER_KEY)] {
         folder.write(file, text);
     }
-    folder.run("model publish first avoid").ok();
-    folder.run("model publish second avoid").ok();
-    let verify = "model verify avoid@1 --public-key pub.pem";
-    folder.run(verify).fails(1, &["avoid@1 is not signed with this key", "no signature is attached"]);
-    let pull = "model pull avoid@1 --out pulled --public-key pub.pem";
-    folder.run(pull).fails(1, &["avoid@1 is not signed"]);
+    folder
+}
+
+/// Two versions of `avoid`, the first signed by both keys, the other one's first, which also lies in `other.sig`.
+fn signed_twice() -> Folder {
+    let folder = with_keys();
     folder.run("model sign avoid@1 --key other.pem --out other.sig").ok();
-    folder.run(pull).fails(1, &["of 1 attached none is by"]);
+    folder.run("model sign avoid@1 --key key.pem").ok();
+    folder
+}
+
+const VERIFY_SIGNED: &str = "model verify avoid@1 --public-key pub.pem";
+const PULL_SIGNED: &str = "model pull avoid@1 --out pulled --public-key pub.pem";
+
+#[test]
+fn only_what_is_signed_is_delivered_to_who_asks_for_it() {
+    let folder = with_keys();
+    let none = ["avoid@1 is not signed with this key", "no signature is attached"];
+    folder.run(VERIFY_SIGNED).fails(1, &none);
+    folder.run(PULL_SIGNED).fails(1, &none);
+    folder.run("model sign avoid@1 --key other.pem").ok();
+    folder.run(PULL_SIGNED).fails(1, &["of 1 attached none is by"]);
     assert!(!folder.path("pulled").exists());
-    folder.run(&pull.replace("pub.pem", "other.pem")).fails(2, &["public key"]);
+    folder.run(&PULL_SIGNED.replace("pub.pem", "other.pem")).fails(2, &["other.pem", "public key"]);
 
     let signed = folder.run("model sign avoid@1 --key key.pem --json").ok();
     assert!(signed.stdout().contains("avoid@1: signature attached"), "{}", signed.stdout());
-    assert_eq!(
-        (&signed.json()["changed"], &signed.json()["attachment"]["number"]),
-        (&true.into(), &2.into())
-    );
+    assert_eq!(signed.json()["changed"], true);
+    assert_eq!(signed.json()["attachment"]["number"], 2);
     assert_eq!(folder.run("model sign avoid@1 --key key.pem --json").ok().json()["changed"], false);
-    assert_eq!(folder.run(&format!("{verify} --json")).ok().json()["attachment"], 2);
-    folder.run(pull).ok();
-    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "one");
+    assert_eq!(folder.run(&format!("{VERIFY_SIGNED} --json")).ok().json()["attachment"], 2);
+    folder.run(PULL_SIGNED).ok();
+    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "first");
     folder.run("model verify avoid --public-key pub.pem").fails(1, &["avoid@2", "no signature"]);
+}
 
+#[test]
+fn a_version_shows_when_it_was_published_and_what_is_attached() {
+    let folder = signed_twice();
     let shown = folder.run("model show avoid@1 --json").ok();
-    assert!(shown.stdout().contains("  2 signatures\n"), "{}", shown.stdout());
-    let created = shown.json()["manifest"]["annotations"]["org.opencontainers.image.created"].clone();
-    assert!(shown.stdout().contains(&format!("published {}", created.as_str().unwrap())));
-    let hints: Vec<_> = (0..2)
-        .map(|i| shown.json()["attachments"][i]["signature"]["key_hint"].as_str().unwrap().to_owned())
-        .collect();
-    for hint in &hints {
-        assert!(shown.stdout().contains(&format!("signature by key {hint} (2")), "{}", shown.stdout());
+    let (text, shown) = (shown.stdout(), shown.json());
+    assert!(text.contains("  2 signatures\n"), "{text}");
+    let created = &shown["manifest"]["annotations"]["org.opencontainers.image.created"];
+    assert!(text.contains(&format!("published {}", created.as_str().unwrap())), "{text}");
+    let hint = |i: usize| shown["attachments"][i]["signature"]["key_hint"].as_str().unwrap().to_owned();
+    assert_ne!(hint(0), hint(1));
+    for i in 0..2 {
+        let line = format!("  attachment {}: signature by key {} (2", i + 1, hint(i));
+        assert!(text.contains(&line), "{line} in\n{text}");
     }
+    // The same files published at another time are no other version.
+    folder.run("model publish first avoid").ok();
+    assert_eq!(folder.run("model show avoid@1 --json").ok().json(), shown);
+}
 
-    // By another tool, in a file; and not of another version.
+#[test]
+fn signatures_from_files_are_attached_where_they_belong() {
+    let folder = signed_twice();
     let again = folder.run("model attach avoid@1 --signature other.sig").ok().stdout();
     assert!(again.contains("has this signature already"), "{again}");
     folder.run("model attach avoid@2 --signature other.sig").fails(1, &["weights.safetensors"]);
-    folder
-        .run("model attach avoid@2 --signature first/config.toml")
-        .fails(1, &["first/config.toml", "no Sigstore bundle"]);
+    let none = "model attach avoid@2 --signature first/config.toml";
+    folder.run(none).fails(1, &["first/config.toml", "no Sigstore bundle"]);
     folder.run("model attach avoid@2").fails(2, &["--evaluation", "--signature"]);
+    folder.run("model publish first same").ok();
+    folder.run("model attach same@1 --signature other.sig --reason copied --by ann").ok();
+    let shown = folder.run("model show same").ok().stdout();
+    assert!(shown.contains(": copied (ann, 2"), "{shown}");
     folder.run("model gc --older-than 0s --delete").ok();
     let verified = folder.run("model verify --json").ok().json();
-    assert_eq!((&verified["entries"], &verified["versions"]), (&2.into(), &2.into()));
+    assert_eq!((&verified["entries"], &verified["versions"]), (&3.into(), &3.into()));
+}
 
-    // A flipped bit in what is attached is found; the other signature holds nevertheless.
-    let digest = shown.json()["attachments"][0]["attached"]["digest"].as_str().unwrap()[7..].to_owned();
+#[test]
+fn a_damaged_signature_is_found_and_does_not_hide_another() {
+    let folder = signed_twice();
+    let shown = folder.run("model show avoid@1 --json").ok().json();
+    let digest = shown["attachments"][0]["attached"]["digest"].as_str().unwrap()[7..].to_owned();
     let blob = folder.path(&format!("models/blobs/sha256/{}/{digest}", &digest[..2]));
     let mut bytes = std::fs::read(&blob).unwrap();
     bytes[100] ^= 1;
@@ -337,8 +365,9 @@ fn a_signature_stays_with_its_version() {
         found.fails(1, &["damaged"]);
         assert!(found.stdout().contains("avoid@1/attachments: "), "{}", found.stdout());
     }
-    folder.run(verify).ok();
-    folder.run(pull).ok();
+    folder.run(VERIFY_SIGNED).ok();
+    folder.run(PULL_SIGNED).ok();
+    // Signed again with the key that it is by, it is whole.
     folder.run("model sign avoid@1 --key other.pem").ok();
     folder.run("model verify").ok();
 }

@@ -61,14 +61,15 @@ pub(crate) fn attach(
 /// Reads a signature from a file.
 pub(crate) fn read_signature(file: &Path) -> Result<Signature> {
     let content = std::fs::read(file).with_context(|| file.display().to_string()).map_err(bad_input)?;
-    Ok(Signature::parse(&content).with_context(|| file.display().to_string())?)
+    Signature::parse(&content).with_context(|| file.display().to_string())
 }
 
 /// Attaches an evaluation, unless all that it measured is known of the version.
 pub(crate) fn attach_news(registry: &Registry, version: &ModelVersion, evaluation: Evaluation) -> Result<()> {
     let known = registry.metrics(version)?;
-    let is_known =
-        |(name, value): (&String, &f64)| known.get(name).is_some_and(|known| known.value == *value);
+    let is_known = |(name, value): (&String, &f64)| {
+        known.get(name).is_some_and(|known| known.value.to_bits() == value.to_bits())
+    };
     if evaluation.metrics.iter().all(is_known) {
         out!("{version} has these metrics already; nothing was attached");
         return Ok(());
@@ -85,7 +86,7 @@ pub(crate) fn evaluation_of(checkpoint: &Path, folder: &Path) -> Result<Evaluati
 /// computed anew. Times are left out: they belong to a machine.
 ///
 /// The configuration names the networks by the digests of their weights, which are the same everywhere.
-pub(crate) fn evaluation(weights: &str, folder: &Path) -> Result<Evaluation> {
+fn evaluation(weights: &str, folder: &Path) -> Result<Evaluation> {
     measured(weights, folder).map_err(bad_input)
 }
 

@@ -7,8 +7,7 @@ use crate::config::bad_input;
 use crate::output::out;
 use anyhow::{Context, Result, anyhow, bail};
 use registry::{
-    Attached, Attachment, Location, ModelRef, ModelVersion, PrivateKey, PublicKey, Registry, Selector,
-    Signature, SignedFiles,
+    Attached, Attachment, Location, ModelVersion, PrivateKey, PublicKey, Registry, Signature, SignedFiles,
 };
 use serde_json::json;
 use std::fs::File;
@@ -108,8 +107,7 @@ fn whole(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
     let version = opened.show(&reference)?;
     model::warn(&version);
     // Exactly this version: an alias or the newest may be another one by now.
-    let exact = ModelRef { name: version.name.clone(), selector: Selector::Version(version.version) };
-    let found = opened.verify(Some(&exact))?.problems;
+    let found = opened.verify(Some(&model::reference(&version.to_string())?))?.problems;
     // What is wrong with an attachment spoils no file, and is told where that attachment is used.
     if let Some(problem) = found.iter().find(|problem| problem.model == Some(version.to_string())) {
         bail!("{problem}");
