@@ -38,6 +38,7 @@ mod fixture;
 mod gc;
 mod huggingface;
 mod import;
+mod ingest;
 mod location;
 mod log;
 mod manifest;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::checkpoint::{self, CheckpointFile};
+use crate::checkpoint;
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
 use crate::gc::References;
@@ -41,15 +41,14 @@ impl Registry {
         if let Some((metric, &value)) = provenance.metrics.iter().find(|(_, value)| !value.is_finite()) {
             return Err(Error::Metric { name: metric.clone(), value });
         }
-        let files = checkpoint::read(checkpoint)?;
-        let layers: Vec<_> = files.iter().map(|file| Descriptor::file(&file.path, file.content)).collect();
+        let mut references = None;
+        let mut layers = Vec::new();
+        for (path, source) in checkpoint::list(checkpoint)? {
+            layers.push(Descriptor::file(&path, self.keep_file(&source, &mut references)?));
+        }
         let unwritable =
             |error: serde_json::Error| Error::Version { model: name.to_string(), reason: error.to_string() };
         let config = model_config(name, &layers).map_err(unwritable)?;
-        let mut references = None;
-        for file in &files {
-            self.keep_file(file, &mut references)?;
-        }
         self.keep_document(&config, &mut references)?;
         self.number(name, Manifest::new(name, &config, layers, provenance))
     }
@@ -115,13 +114,13 @@ impl Registry {
         }
     }
 
-    /// Stores a checkpoint's file as a blob, unless it is kept.
-    pub(crate) fn keep_file(&self, file: &CheckpointFile, references: &mut Option<References>) -> Result<()> {
-        if self.is_kept(file.content, references)? || self.store.put_file(file.content, &file.source)? {
-            return Ok(());
-        }
-        let reason = "the file changed while it was published; publish again when it is complete".to_owned();
-        Err(Error::Checkpoint { path: file.source.clone(), reason })
+    /// Stores a checkpoint's file as a blob, unless it is kept, and says what it holds.
+    pub(crate) fn keep_file(
+        &self,
+        source: &Path,
+        references: &mut Option<References>,
+    ) -> Result<Fingerprint> {
+        self.store.ingest(source, &mut |content| self.is_kept(content, references))
     }
 
     /// Stores a small document as a blob, unless it is kept.
