@@ -9,7 +9,7 @@ use anyhow::{Context, Result, anyhow};
 use registry::{Digest, Lineage, Provenance};
 use std::collections::BTreeMap;
 use std::path::Path;
-use train::checkpoint::ModelInfo;
+use train::checkpoint::{ModelInfo, WEIGHTS};
 use train::config::Task;
 use train::description::Description;
 use train::metric::Metrics;
@@ -36,7 +36,9 @@ pub(crate) fn of(checkpoint: &Path, evaluation: Option<&Path>) -> Result<Provena
     let mut interface: BTreeMap<_, _> =
         described.into_iter().filter(|(key, _)| told.contains(&key.as_str())).collect();
     interface.insert("purpose".to_owned(), purpose.into());
-    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created: None })
+    let weights = format!("sha256:{}", info.weights_sha256).parse()?;
+    let expected = BTreeMap::from([(WEIGHTS.to_owned(), weights)]);
+    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created: None, expected })
 }
 
 fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {

@@ -21,14 +21,15 @@ trap '[ -z "$server" ] || kill "$server"; rm -rf "$work"' EXIT
 cd "$work"
 
 mkdir checkpoint
-cat >checkpoint/model.json <<'END'
-{"format": 2, "task": {"kind": "avoidance", "network": {"trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8}},
- "standardization": null, "camera": {"width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0},
- "datasets": [], "seed": 5, "epoch": null, "weights_sha256": ""}
-END
-echo 'seed = 5' >checkpoint/config.toml
 # One number, in the form of safetensors: the header's length, the header, the number.
 printf '\x37\0\0\0\0\0\0\0{"w":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}} \0\0\x80\x3f' >checkpoint/weights.safetensors
+digest="$(sha256sum checkpoint/weights.safetensors | cut -d ' ' -f 1)"
+cat >checkpoint/model.json <<END
+{"format": 2, "task": {"kind": "avoidance", "network": {"trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8}},
+ "standardization": null, "camera": {"width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0},
+ "datasets": [], "seed": 5, "epoch": null, "weights_sha256": "$digest"}
+END
+echo 'seed = 5' >checkpoint/config.toml
 
 port="$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])' 2>/dev/null || echo 5117)"
 cat >server.yml <<END
