@@ -12,9 +12,11 @@ pub(crate) fn checkpoint(folder: &Folder, name: &str, weights: &str) {
         "datasets": [{ "name": "avoid", "digest": "DIGEST", "rows": 4 }],
         "seed": 5,
         "epoch": null,
-        "weights_sha256": ""
+        "weights_sha256": "WEIGHTS"
     }"#;
-    folder.write(&format!("{name}/model.json"), &info.replace("DIGEST", &"ab".repeat(32)));
+    let digest = registry::Digest::of(weights.as_bytes()).hex();
+    let info = info.replace("DIGEST", &"ab".repeat(32)).replace("WEIGHTS", &digest);
+    folder.write(&format!("{name}/model.json"), &info);
     folder.write(&format!("{name}/config.toml"), "seed = 5\n");
     folder.write(&format!("{name}/weights.safetensors"), weights);
 }
@@ -237,6 +239,15 @@ Yfps5mliLmDyn7Z5A/4QCLi8maQa6elWKLxk8vGyDC1+n1F3o8KU1EYimQ==\n\
 -----END PUBLIC KEY-----\n";
 
 #[test]
+fn a_checkpoint_with_other_weights_is_not_published() {
+    let folder = Folder::new();
+    checkpoint(&folder, "run", "the weights");
+    folder.write("run/weights.safetensors", "the weighs");
+    folder.run("model publish run avoid").fails(1, &["run/weights.safetensors", "damaged"]);
+    assert_eq!(folder.run("model list --json").ok().json(), serde_json::json!([]));
+}
+
+#[test]
 fn a_signature_holds_for_what_was_signed() {
     let folder = Folder::new();
     checkpoint(&folder, "first", "one");
@@ -254,7 +265,7 @@ fn a_signature_holds_for_what_was_signed() {
         folder.run(&format!("model verify {model} --public-key pub.pem --signature one.sig")).ok();
     }
     let other = "model verify avoid@2 --public-key pub.pem --signature one.sig";
-    folder.run(other).fails(1, &["one.sig", "weights.safetensors"]);
+    folder.run(other).fails(1, &["one.sig", "model.json"]);
     folder.run("model verify avoid@1 --public-key key.pem --signature one.sig").fails(2, &["public key"]);
     folder.run("model verify --public-key pub.pem").fails(2, &["MODEL"]);
     folder.run("model sign pulled --key key.pem").ok();
@@ -338,7 +349,9 @@ fn signatures_from_files_are_attached_where_they_belong() {
     let folder = signed_twice();
     let again = folder.run("model attach avoid@1 --signature other.sig").ok().stdout();
     assert!(again.contains("has this signature already"), "{again}");
-    folder.run("model attach avoid@2 --signature other.sig").fails(1, &["weights.safetensors"]);
+    folder
+        .run("model attach avoid@2 --signature other.sig")
+        .fails(1, &["other files were signed", "model.json"]);
     let none = "model attach avoid@2 --signature first/config.toml";
     folder.run(none).fails(1, &["first/config.toml", "no Sigstore bundle"]);
     folder.run("model attach avoid@2").fails(2, &["--evaluation", "--signature"]);

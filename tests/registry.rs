@@ -48,9 +48,6 @@ fn of_publishers_at_once_each_gets_a_version_and_readers_see_whole_ones() {
     let rounds = how_often("FLOWSERVO_RACES", 3);
     let folder = Folder::new();
     let weights = |round: usize, publisher: usize| format!("{round} {publisher} ").repeat(5000);
-    for publisher in 0..PUBLISHERS {
-        checkpoint(&folder, &format!("run{publisher}"), "");
-    }
     let mut published = Vec::new();
     let racing = AtomicBool::new(true);
     let seen = std::thread::scope(|scope| {
@@ -59,7 +56,7 @@ fn of_publishers_at_once_each_gets_a_version_and_readers_see_whole_ones() {
         let reader = scope.spawn(|| read_all_the_time(&folder, &racing));
         for round in 0..rounds {
             for publisher in 0..PUBLISHERS {
-                folder.write(&format!("run{publisher}/weights.safetensors"), &weights(round, publisher));
+                checkpoint(&folder, &format!("run{publisher}"), &weights(round, publisher));
             }
             let runs = publish_at_once(&folder);
             published.extend(runs.into_iter().enumerate().map(|(publisher, run)| {

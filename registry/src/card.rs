@@ -164,6 +164,7 @@ mod tests {
                 serde_json::json!({ "width": 128, "images": ["a|b"] }),
             )]),
             created: Some("2026-11-22T10:00:00Z".into()),
+            ..Provenance::default()
         };
         let name = "approach".parse().unwrap();
         let registry = place.registry();

@@ -7,27 +7,8 @@ use std::path::{Path, PathBuf};
 use crate::digest::Fingerprint;
 use crate::error::{Error, Result};
 
-/// One file of a checkpoint.
-#[derive(Debug)]
-pub(crate) struct CheckpointFile {
-    /// Path inside the checkpoint, its parts separated by `/`.
-    pub(crate) path: String,
-    /// Where it lies.
-    pub(crate) source: PathBuf,
-    /// What it holds.
-    pub(crate) content: Fingerprint,
-}
-
 /// Longest part of a path; common file systems take 255 bytes, the store appends a few.
 const PART_LIMIT: usize = 128;
-
-/// All files of the checkpoint in folder `root` and what they hold, sorted by path.
-pub(crate) fn read(root: &Path) -> Result<Vec<CheckpointFile>> {
-    list(root)?
-        .into_iter()
-        .map(|(path, source)| fingerprint(&source).map(|content| CheckpointFile { path, source, content }))
-        .collect()
-}
 
 /// Path in the checkpoint and place of all files in folder `root`, sorted by path. Links, empty folders, special files
 /// and names that some system would not take are refused: what is published must be delivered as it was.
@@ -107,18 +88,17 @@ fn is_safe_part(part: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::digest::Digest;
 
     #[test]
-    fn files_are_sorted_and_fingerprinted() {
+    fn files_are_sorted() {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("state")).unwrap();
         fs::write(folder.path().join("weights.safetensors"), b"abc").unwrap();
         fs::write(folder.path().join("state/step.json"), b"7").unwrap();
-        let files = read(folder.path()).unwrap();
-        let paths: Vec<_> = files.iter().map(|file| file.path.as_str()).collect();
+        let files = list(folder.path()).unwrap();
+        let paths: Vec<_> = files.iter().map(|(path, _)| path.as_str()).collect();
         assert_eq!(paths, ["state/step.json", "weights.safetensors"]);
-        assert_eq!(files[1].content, Fingerprint { digest: Digest::of(b"abc"), size: 3 });
+        assert_eq!(fs::read(&files[1].1).unwrap(), b"abc");
     }
 
     #[test]
@@ -137,10 +117,10 @@ mod tests {
         for (expected, spoil) in cases {
             let folder = tempfile::tempdir().unwrap();
             spoil(folder.path());
-            let message = read(folder.path()).unwrap_err().to_string();
+            let message = list(folder.path()).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
-        let missing = read(Path::new("no/such/checkpoint")).unwrap_err().to_string();
+        let missing = list(Path::new("no/such/checkpoint")).unwrap_err().to_string();
         assert!(missing.contains("no/such/checkpoint"), "{missing}");
     }
 
@@ -149,7 +129,7 @@ mod tests {
     fn links_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/etc/hostname", folder.path().join("config.json")).unwrap();
-        let message = read(folder.path()).unwrap_err().to_string();
+        let message = list(folder.path()).unwrap_err().to_string();
         assert!(message.contains("config.json") && message.contains("no links"), "{message}");
     }
 

@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::checkpoint::{CheckpointFile, fingerprint};
+use crate::checkpoint::fingerprint;
 use crate::error::{Error, Result};
 use crate::manifest::{Descriptor, Manifest, model_config};
 use crate::name::ModelName;
@@ -43,19 +43,19 @@ impl Registry {
         place: &dyn Fn(&Descriptor) -> PathBuf,
     ) -> Result<Published> {
         let Foreign { mut manifest, place: origin } = foreign;
-        let mut files = Vec::new();
         for layer in &manifest.layers {
-            let source = place(layer);
-            check(layer, &source)?;
-            let path = layer.path().unwrap_or_default().to_owned();
-            files.push(CheckpointFile { path, source, content: layer.content() });
+            check(layer, &place(layer))?;
         }
         let config = model_config(name, &manifest.layers)
             .map_err(|error| Error::Import { path: origin, reason: error.to_string() })?;
         manifest.rename(name, &config);
         let mut references = None;
-        for file in &files {
-            self.keep_file(file, &mut references)?;
+        for layer in &manifest.layers {
+            let source = place(layer);
+            if self.keep_file(&source, &mut references)? != layer.content() {
+                let reason = "changed while it was imported; import again when it is complete".to_owned();
+                return Err(Error::Import { path: source, reason });
+            }
         }
         self.keep_document(&config, &mut references)?;
         self.number(name, manifest)

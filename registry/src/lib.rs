@@ -41,6 +41,7 @@ mod fixture;
 mod gc;
 mod huggingface;
 mod import;
+mod ingest;
 mod location;
 mod log;
 mod manifest;

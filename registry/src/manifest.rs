@@ -100,6 +100,8 @@ pub struct Provenance {
     pub interface: BTreeMap<String, Value>,
     /// When it was made, in RFC 3339 (`2026-11-22T10:00:00Z`). The registry has no clock of its own.
     pub created: Option<String>,
+    /// Digests that files have to have, by path: what else is known of the checkpoint. If one has another, nothing is published.
+    pub expected: BTreeMap<String, Digest>,
 }
 
 impl Descriptor {
@@ -279,7 +281,7 @@ mod tests {
             lineage: Lineage { seed: Some(u64::MAX), ..Lineage::default() },
             metrics: BTreeMap::from([("position_error_mm".into(), 0.1 + 0.2), ("b".into(), 5e-324)]),
             interface: BTreeMap::from([("input".into(), serde_json::json!({ "scale": 2.0 / 255.0 }))]),
-            created: None,
+            ..Provenance::default()
         };
         let mut manifest = Manifest::new(&name, &model_config(&name, &layers).unwrap(), layers, provenance);
         manifest.set_version(3);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::checkpoint::{self, CheckpointFile};
+use crate::checkpoint;
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
 use crate::gc::References;
@@ -41,15 +41,24 @@ impl Registry {
         if let Some((metric, &value)) = provenance.metrics.iter().find(|(_, value)| !value.is_finite()) {
             return Err(Error::Metric { name: metric.clone(), value });
         }
-        let files = checkpoint::read(checkpoint)?;
-        let layers: Vec<_> = files.iter().map(|file| Descriptor::file(&file.path, file.content)).collect();
+        let mut references = None;
+        let mut layers = Vec::new();
+        let mut expected = provenance.expected.clone();
+        for (path, source) in checkpoint::list(checkpoint)? {
+            let content = self.keep_file(&source, &mut references)?;
+            if let Some(digest) = expected.remove(&path).filter(|&digest| digest != content.digest) {
+                let reason =
+                    format!("is damaged: it has digest {}, and should have {digest}", content.digest);
+                return Err(Error::Checkpoint { path: source, reason });
+            }
+            layers.push(Descriptor::file(&path, content));
+        }
+        if let Some((path, _)) = expected.pop_first() {
+            return Err(Error::Checkpoint { path: checkpoint.join(path), reason: "missing".to_owned() });
+        }
         let unwritable =
             |error: serde_json::Error| Error::Version { model: name.to_string(), reason: error.to_string() };
         let config = model_config(name, &layers).map_err(unwritable)?;
-        let mut references = None;
-        for file in &files {
-            self.keep_file(file, &mut references)?;
-        }
         self.keep_document(&config, &mut references)?;
         self.number(name, Manifest::new(name, &config, layers, provenance))
     }
@@ -115,13 +124,13 @@ impl Registry {
         }
     }
 
-    /// Stores a checkpoint's file as a blob, unless it is kept.
-    pub(crate) fn keep_file(&self, file: &CheckpointFile, references: &mut Option<References>) -> Result<()> {
-        if self.is_kept(file.content, references)? || self.store.put_file(file.content, &file.source)? {
-            return Ok(());
-        }
-        let reason = "the file changed while it was published; publish again when it is complete".to_owned();
-        Err(Error::Checkpoint { path: file.source.clone(), reason })
+    /// Stores a checkpoint's file as a blob, unless it is kept, and says what it holds.
+    pub(crate) fn keep_file(
+        &self,
+        source: &Path,
+        references: &mut Option<References>,
+    ) -> Result<Fingerprint> {
+        self.store.ingest(source, &mut |content| self.is_kept(content, references))
     }
 
     /// Stores a small document as a blob, unless it is kept.
@@ -204,6 +213,7 @@ mod tests {
                 metrics: BTreeMap::from([("position_error_mm".into(), 0.1 + 0.2), ("x".into(), 1e-300)]),
                 interface: BTreeMap::from([("input".into(), serde_json::json!(["image", 1.0 / 3.0]))]),
                 created: Some("2026-11-22T10:00:00Z".into()),
+                expected: BTreeMap::new(),
             };
             let checkpoint = place.checkpoint("checkpoint", b"weights");
             let published = registry.publish(&model("approach"), &checkpoint, provenance.clone()).unwrap();
@@ -333,6 +343,26 @@ mod tests {
         let message = registry.publish(&model("approach"), &checkpoint, provenance).unwrap_err().to_string();
         assert!(message.contains("`loss` is NaN"), "{message}");
         assert!(registry.list().unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_damaged_checkpoint_is_refused() {
+        for place in Place::all() {
+            let registry = place.registry();
+            let checkpoint = place.checkpoint("checkpoint", b"weights");
+            let publish = |path: &str, content: &[u8]| {
+                let expected = BTreeMap::from([(path.to_owned(), Digest::of(content))]);
+                let provenance = Provenance { expected, ..Provenance::default() };
+                registry
+                    .publish(&model("approach"), &checkpoint, provenance)
+                    .map_err(|error| error.to_string())
+            };
+            let damaged = publish("state/step.json", b"8").unwrap_err();
+            assert!(damaged.contains("step.json") && damaged.contains("damaged"), "{damaged}");
+            assert!(publish("optimizer.json", b"").unwrap_err().contains("optimizer.json: missing"));
+            assert!(registry.list().unwrap().is_empty());
+            publish("state/step.json", b"7").unwrap();
+        }
     }
 
     /// Blobs are written before the number is taken: a publication that ends there has created no version.

@@ -61,11 +61,11 @@ impl Registry {
         for layer in &version.manifest.layers {
             self.deliver(&version, layer, &staged.folder)?;
         }
-        match fs::rename(&staged.folder, destination) {
+        match staged.rename(destination) {
             Ok(()) => Ok(Pulled::New(version)),
             // Another process was faster.
             Err(_) if fs::symlink_metadata(destination).is_ok() => accept(version, destination),
-            Err(error) => Err(Error::io("write", destination)(error)),
+            Err(error) => Err(error),
         }
     }
 
@@ -136,6 +136,8 @@ fn holds(folder: &Path, layers: &[Descriptor]) -> Result<bool> {
 /// A folder beside the destination, removed when dropped, unless it was renamed.
 pub(crate) struct Staged {
     pub(crate) folder: PathBuf,
+    /// Its former name may be another process's by now.
+    renamed: bool,
 }
 
 impl Staged {
@@ -154,27 +156,36 @@ impl Staged {
             hidden.push(format!(".{number}.tmp"));
             let folder = parent.join(hidden);
             match fs::create_dir(&folder) {
-                Ok(()) => return Ok(Self { folder }),
+                Ok(()) => return Ok(Self { folder, renamed: false }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => number += 1,
                 Err(error) => return Err(Error::io("create the folder", &folder)(error)),
             }
         }
     }
 
+    /// Gives the folder its name.
+    fn rename(mut self, destination: &Path) -> Result<()> {
+        fs::rename(&self.folder, destination).map_err(Error::io("write", destination))?;
+        self.renamed = true;
+        Ok(())
+    }
+
     /// Gives the folder its name, which must be free.
-    pub(crate) fn finish(&self, destination: &Path, version: &ModelVersion) -> Result<()> {
+    pub(crate) fn finish(self, destination: &Path, version: &ModelVersion) -> Result<()> {
         if fs::symlink_metadata(destination).is_ok() {
             let (path, model) = (destination.to_owned(), version.to_string());
             return Err(Error::Destination { path, model, reason: "exists".into() });
         }
-        fs::rename(&self.folder, destination).map_err(Error::io("write", destination))
+        self.rename(destination)
     }
 }
 
 impl Drop for Staged {
     fn drop(&mut self) {
-        // What cannot be removed is hidden and named `.tmp`; there is nobody left to tell.
-        let _ = fs::remove_dir_all(&self.folder);
+        if !self.renamed {
+            // What cannot be removed is hidden and named `.tmp`; there is nobody left to tell.
+            let _ = fs::remove_dir_all(&self.folder);
+        }
     }
 }
 

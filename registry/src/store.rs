@@ -2,7 +2,6 @@
 //!
 //! Driven synchronously: a folder does its work inside the poll, with no runtime around it; a bucket has a runtime of its own.
 
-use std::fs::File;
 use std::future::Future;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -11,12 +10,9 @@ use std::time::SystemTime;
 
 use bytes::Bytes;
 use futures_util::StreamExt;
-use futures_util::stream::FuturesUnordered;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
-use object_store::{
-    GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode, UploadPart,
-};
+use object_store::{GetResultPayload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode};
 
 use crate::digest::{Digest, Fingerprint, Hasher, hash_meanwhile};
 use crate::error::{Error, Result};
@@ -29,13 +25,8 @@ pub(crate) const DOCUMENT_LIMIT: u64 = 4 << 20;
 /// The highest number of a version: numbers have six digits, so that names sort as numbers do.
 pub(crate) const LAST_VERSION: u64 = 999_999;
 
-/// Bytes of a part of a large blob. Object stores want equal parts of at least 5 MiB.
-const PART: usize = 8 << 20;
-
 /// Folder of all blobs.
 pub(crate) const BLOBS: &str = "blobs";
-/// How many parts are under way at a time.
-const PARTS_UNDER_WAY: usize = 3;
 
 /// Bytes that are read from a file at a time.
 const PIECE: usize = 1 << 20;
@@ -87,7 +78,7 @@ impl From<ObjectMeta> for Object {
 /// A store in which each object is written once.
 #[derive(Debug, Clone)]
 pub(crate) struct Store {
-    objects: Arc<dyn ObjectStore>,
+    pub(crate) objects: Arc<dyn ObjectStore>,
     /// Where the store is, for messages.
     root: String,
     /// Its folder, if it is one.
@@ -149,7 +140,7 @@ impl Store {
 
     /// Waits for what the store does.
     #[cfg_attr(not(feature = "s3"), expect(clippy::unused_self))]
-    fn wait<F: Future>(&self, work: F) -> F::Output {
+    pub(crate) fn wait<F: Future>(&self, work: F) -> F::Output {
         #[cfg(feature = "s3")]
         if let Some(runtime) = &self.runtime {
             return runtime.block_on(work);
@@ -271,59 +262,6 @@ impl Store {
         self.put(&blob_key(digest), bytes)
     }
 
-    /// Stores the file `source`, if it holds `content`; false if it does not, and then nothing is stored.
-    pub(crate) fn put_file(&self, content: Fingerprint, source: &Path) -> Result<bool> {
-        let mut file = File::open(source).map_err(Error::io("read", source))?;
-        if content.size <= PART as u64 {
-            let part = read_part(&mut file, PART).map_err(Error::io("read", source))?;
-            let matches = Digest::of(&part) == content.digest;
-            if matches {
-                self.put_blob(content.digest, part)?;
-            }
-            return Ok(matches);
-        }
-        let key = blob_key(content.digest);
-        let mut upload = self
-            .wait(self.objects.put_multipart(&Key::from(key.as_str())))
-            .map_err(self.error("write", &key))?;
-        let sent = self.send_parts(upload.as_mut(), &key, &mut file, source);
-        if matches!(sent, Ok(found) if found == content) {
-            self.wait(upload.complete()).map_err(self.error("write", &key))?;
-            return Ok(true);
-        }
-        let aborted = self.wait(upload.abort()).map_err(self.error("abort the upload of", &key));
-        // The first error is the one to tell.
-        sent.and(aborted).map(|()| false)
-    }
-
-    /// Sends all of `file`; what it held.
-    fn send_parts(
-        &self,
-        upload: &mut dyn MultipartUpload,
-        key: &str,
-        file: &mut File,
-        source: &Path,
-    ) -> Result<Fingerprint> {
-        let mut under_way = FuturesUnordered::<UploadPart>::new();
-        let sent = hash_meanwhile(|hash| {
-            loop {
-                let part = Bytes::from(read_part(file, PART).map_err(Error::io("read", source))?);
-                let at_most = if part.is_empty() { 0 } else { PARTS_UNDER_WAY - 1 };
-                while under_way.len() > at_most
-                    && let Some(sent) = self.wait(under_way.next())
-                {
-                    sent.map_err(self.error("write", key))?;
-                }
-                if part.is_empty() {
-                    return Ok(());
-                }
-                hash(part.clone());
-                under_way.push(upload.put_part(part.into()));
-            }
-        });
-        sent.map(|((), content)| content)
-    }
-
     /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder.
     pub(crate) fn list(&self, prefix: &str) -> Result<Listing> {
         let location = Key::from(prefix);
@@ -363,14 +301,14 @@ impl Store {
         }
     }
 
-    fn error(&self, action: &'static str, key: &str) -> impl FnOnce(object_store::Error) -> Error {
+    pub(crate) fn error(&self, action: &'static str, key: &str) -> impl FnOnce(object_store::Error) -> Error {
         let place = format!("{}/{key}", self.root);
         move |source| Error::Store { action, place, source }
     }
 }
 
 /// The next bytes of `reader`, fewer than `size` only at its end.
-fn read_part(reader: &mut impl Read, size: usize) -> io::Result<Vec<u8>> {
+pub(crate) fn read_part(reader: &mut impl Read, size: usize) -> io::Result<Vec<u8>> {
     let mut part = Vec::with_capacity(size);
     reader.take(size as u64).read_to_end(&mut part)?;
     Ok(part)
@@ -381,12 +319,6 @@ mod tests {
     use super::*;
     use crate::fixture::{Place, bytes, quirky};
     use crate::quirk::Quirk;
-
-    fn put(place: &Place, store: &Store, content: Fingerprint, bytes: &[u8]) -> bool {
-        let source = place.path("source");
-        std::fs::write(&source, bytes).unwrap();
-        store.put_file(content, &source).unwrap()
-    }
 
     #[test]
     fn created_once() {
@@ -422,41 +354,6 @@ mod tests {
             let data = bytes(DOCUMENT_LIMIT as usize + 7);
             store.put("large.json", data.clone()).unwrap();
             assert!(store.read("large.json").unwrap().unwrap() == data[..=DOCUMENT_LIMIT as usize]);
-        }
-    }
-
-    /// Sizes around the part size, so that one put, two full parts and a short last part all occur.
-    #[test]
-    fn blobs_of_any_size_come_back() {
-        for place in Place::all() {
-            let store = place.store();
-            for size in [0, 1, PART, PART + 1, 2 * PART] {
-                let data = bytes(size);
-                let content = Fingerprint::of(&data[..]).unwrap();
-                assert!(put(&place, &store, content, &data));
-                let mut back = Vec::new();
-                let sink = &mut |piece: &[u8]| {
-                    back.extend_from_slice(piece);
-                    Ok(())
-                };
-                assert_eq!(store.read_blob(content.digest, sink).unwrap(), Some(content));
-                assert!(back == data, "{size}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_source_that_changes_is_not_stored() {
-        for place in Place::all() {
-            let store = place.store();
-            for size in [10, PART + 10] {
-                let content = Fingerprint::of(&bytes(size)[..]).unwrap();
-                let mut changed = bytes(size);
-                changed[size - 1] ^= 1;
-                assert!(!put(&place, &store, content, &changed));
-                assert!(!put(&place, &store, content, &bytes(size + 1)));
-                assert_eq!(store.inspect_blob(content.digest).unwrap(), None);
-            }
         }
     }
 }

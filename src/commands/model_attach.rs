@@ -12,10 +12,7 @@ use anyhow::{Context, Result, anyhow};
 use registry::{Attached, Attachment, Evaluation, ModelVersion, Registry, Signature};
 use serde_json::{Value, json};
 use std::path::Path;
-use train::checkpoint::ModelInfo;
-
-/// The file of a version by which an evaluation knows it.
-const WEIGHTS: &str = "weights.safetensors";
+use train::checkpoint::{ModelInfo, WEIGHTS};
 
 /// Runs the command.
 pub(crate) fn run(arguments: &Attach, json: bool) -> Result<()> {

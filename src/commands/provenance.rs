@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use registry::{Digest, Lineage, Provenance};
 use std::collections::BTreeMap;
 use std::path::Path;
-use train::checkpoint::ModelInfo;
+use train::checkpoint::{ModelInfo, WEIGHTS};
 use train::config::Task;
 use train::description::Description;
 use train::metric::Metrics;
@@ -30,8 +30,10 @@ pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {
     let mut interface: BTreeMap<_, _> =
         described.into_iter().filter(|(key, _)| told.contains(&key.as_str())).collect();
     interface.insert("purpose".to_owned(), purpose.into());
+    let weights = format!("sha256:{}", info.weights_sha256).parse()?;
+    let expected = BTreeMap::from([(WEIGHTS.to_owned(), weights)]);
     let created = Some(clock::rfc3339(clock::now()));
-    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created })
+    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created, expected })
 }
 
 fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {

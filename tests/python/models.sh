@@ -16,6 +16,10 @@ target="${CARGO_TARGET_DIR:-$repository/target}"
 . "$here/environment.sh"
 python="${FLOWSERVO_PYTHON:-$target/python-models/bin/python}"
 if [ -z "${FLOWSERVO_PYTHON:-}" ]; then
+    mkdir -p "$target"
+    free="$(df -Pk "$target" | awk 'NR == 2 { print int($4 / 1048576) }')"
+    [ -x "$python" ] || [ "$free" -ge 12 ] \
+        || skip "${FLOWSERVO_REQUIRE_PYTHON:-0}" "PyTorch takes 6 GiB, twice that while it is installed; $free GiB are free"
     environment "$target/python-models" "$here/models.txt" "${FLOWSERVO_REQUIRE_PYTHON:-0}"
 fi
 

@@ -33,7 +33,8 @@ use crate::publish::{self, at};
 /// Version of the directory's form.
 const FORMAT: u32 = 2;
 const MODEL: &str = "model.json";
-const WEIGHTS: &str = "weights.safetensors";
+/// Name of the file with the weights.
+pub const WEIGHTS: &str = "weights.safetensors";
 const CONFIG: &str = "config.toml";
 const TRAINING: &str = "training.json";
 const OPTIMIZER: &str = "optimizer.safetensors";
