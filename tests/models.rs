@@ -310,7 +310,7 @@ fn only_what_is_signed_is_delivered_to_who_asks_for_it() {
     folder.run(VERIFY_SIGNED).fails(1, &none);
     folder.run(PULL_SIGNED).fails(1, &none);
     folder.run("model sign avoid@1 --key other.pem").ok();
-    folder.run(PULL_SIGNED).fails(1, &["of 1 attached none is by"]);
+    folder.run(PULL_SIGNED).fails(1, &["of 1 signatures none is by"]);
     assert!(!folder.path("pulled").exists());
     folder.run(&PULL_SIGNED.replace("pub.pem", "other.pem")).fails(2, &["other.pem", "public key"]);
 

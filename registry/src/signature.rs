@@ -165,17 +165,17 @@ impl Registry {
                 Ok(Some(Attachment::Signature(signature))) => match files.verify(&signature, key) {
                     Ok(()) => return Ok(entry.clone()),
                     Err(error) => match signature.key_hint().filter(|other| *other != hint) {
-                        Some(other) => format!("number {number} is by {other}"),
-                        None => format!("number {number}: {error}"),
+                        Some(other) => format!("attachment {number} is by {other}"),
+                        None => format!("attachment {number}: {error}"),
                     },
                 },
                 Ok(_) => continue,
-                Err(error) => format!("number {number}: {error}"),
+                Err(error) => format!("attachment {number}: {error}"),
             });
         }
         let reason = match found.len() {
             0 => "no signature is attached; `model sign` attaches one".to_owned(),
-            count => format!("of {count} attached none is by {hint}; {}", found.join("; ")),
+            count => format!("of {count} signatures none is by {hint}; {}", found.join("; ")),
         };
         Err(Error::Unsigned { model: version.to_string(), reason })
     }
@@ -514,7 +514,7 @@ mod tests {
             let other = pull(&ours).unwrap_err().to_string();
             let (own, hint) = (public(&ours).hint().unwrap(), public(&theirs).hint().unwrap());
             assert!(
-                other.contains(&format!("of 1 attached none is by {own}; number 1 is by {hint}")),
+                other.contains(&format!("of 1 signatures none is by {own}; attachment 1 is by {hint}")),
                 "{other}"
             );
             assert!(!place.path("pulled").exists(), "refused before a byte is delivered");
@@ -545,7 +545,10 @@ mod tests {
         let forged = Signature::parse(bundle.to_string().as_bytes()).unwrap();
         registry.attach(&version, &Attachment::Signature(forged), &Remark::default()).unwrap();
         let refusal = registry.signature_by(&version, &public()).unwrap_err().to_string();
-        assert!(refusal.contains("number 1: ") && refusal.contains("was not made with the key"), "{refusal}");
+        assert!(
+            refusal.contains("attachment 1: ") && refusal.contains("was not made with the key"),
+            "{refusal}"
+        );
         // A damaged one in front does not hide the one that holds.
         let damaged = registry.attachments(&version).unwrap()[0].attached.clone().unwrap();
         crate::fixture::flip(&place.path("registry"), &crate::store::blob_key(damaged.digest));

@@ -37,10 +37,11 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
                 Some(key) => opened.pull_signed(&reference, out, &model_sign::read_public_key(key)?)?,
             };
             warn(pulled.version());
+            let signed = if public_key.is_some() { "; the signature holds" } else { "" };
             let ModelVersion { name, version, .. } = pulled.version();
             match &pulled {
-                Pulled::New(_) => out!("{}: {name}@{version}, every digest checked", out.display()),
-                Pulled::AlreadyThere(_) => out!("{} held {name}@{version} already", out.display()),
+                Pulled::New(_) => out!("{}: {name}@{version}, every digest checked{signed}", out.display()),
+                Pulled::AlreadyThere(_) => out!("{} held {name}@{version} already{signed}", out.display()),
             }
             print_json(json, pulled.version())
         }
