@@ -46,24 +46,22 @@ impl Beginning {
             return Err(Error::RunExists { directory: directory.to_owned() });
         }
         let device = run.autodiff();
-        let (network, standardization, origin);
-        if let Some(start) = warm_start {
+        let mut origin = Origin::default();
+        let (network, standardization) = if let Some(start) = warm_start {
             let (checkpoint, parent) = start.load(task, &device)?;
             let other_camera = camera::difference(&checkpoint.info.camera, examples.camera());
             progress(Progress::WarmStart { parent: start, other_camera });
-            (network, standardization) = (checkpoint.network, checkpoint.info.standardization);
-            origin = Origin { parent: Some(parent), ..Origin::default() };
+            origin.parent = Some(parent);
+            (checkpoint.network, checkpoint.info.standardization)
         } else {
-            let mut random = Network::new(task, config.seed, &device);
-            let mut pretrained_sha256 = None;
+            let mut network = Network::new(task, config.seed, &device);
             if let Some(path) = &config.pretrained {
-                let imported = pretrained::import(path, &mut random, &device)?;
+                let imported = pretrained::import(path, &mut network, &device)?;
                 progress(Progress::Imported(&imported));
-                pretrained_sha256 = Some(imported.sha256);
+                origin.pretrained_sha256 = Some(imported.sha256);
             }
-            (network, standardization) = (random, None);
-            origin = Origin { pretrained_sha256, parent: None };
-        }
+            (network, None)
+        };
         let optimizer = AdamW::new(&network, config.optimizer.weight_decay);
         let state = State { network, optimizer, place: Place::default() };
         Ok(Self { state, standardization, origin, other_device: None })
