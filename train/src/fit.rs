@@ -583,6 +583,12 @@ pub(crate) mod tests {
         // Another device is no reason to refuse, but to say so.
         assert_eq!(resumed(&config, &squares(&task, 32), "CPU"), Ok(None));
         assert_eq!(resumed(&config, &squares(&task, 32), "GPU"), Ok(Some("CPU".to_owned())));
+        // Nor is it that a checkpoint does not say where it was computed, as those of older versions.
+        let model = directory.path().join("last/model.json");
+        let text = fs::read_to_string(&model).unwrap();
+        fs::write(&model, text.replace("  \"device\": \"CPU\",\n", "")).unwrap();
+        assert_eq!(ModelInfo::read(&directory.path().join("last")).unwrap().device, None);
+        assert_eq!(resumed(&config, &squares(&task, 32), "GPU"), Ok(None));
     }
 
     #[test]
