@@ -37,9 +37,10 @@ pub(crate) enum Command {
     #[command(subcommand)]
     Dataset(Dataset),
     /// Train a network.
-    #[command(
-        after_help = "Example: flowservo train configs/train/approach.toml --out runs/approach --set phases.0.epochs=4"
-    )]
+    #[command(after_help = "Examples:\n  \
+                      flowservo train configs/train/approach.toml --out runs/approach --set phases.0.epochs=4\n\n\
+                      From a trained model on other data, as exactly what it is:\n  \
+                      flowservo train configs/train/approach.toml --from approach:champion --data data/mine --out runs/mine")]
     Train(Train),
     /// Run servo sessions and print Table 1.
     #[command(after_help = "Example: flowservo eval configs/eval/table1.toml --approach runs/approach/best \
@@ -185,6 +186,9 @@ pub(crate) struct Train {
     /// A dataset's folder, in the place of those in the configuration; may be repeated.
     #[arg(long)]
     pub(crate) data: Vec<PathBuf>,
+    /// Begin from this model, in the place of the configuration's `parent`: a checkpoint's folder, NAME@VERSION or NAME:ALIAS.
+    #[arg(long, value_name = "MODEL")]
+    pub(crate) from: Option<String>,
     /// Folder of the run: checkpoints and metrics.
     #[arg(long)]
     pub(crate) out: PathBuf,
@@ -194,6 +198,9 @@ pub(crate) struct Train {
     /// Where to train.
     #[arg(long, value_enum, default_value = "auto")]
     pub(crate) device: DeviceChoice,
+    /// The registry.
+    #[command(flatten)]
+    pub(crate) registry: RegistryArgs,
 }
 
 /// `eval`

@@ -25,6 +25,9 @@ mod interrupted;
 /// From datasets to Table 1 and the report, through the command line.
 mod pipeline;
 
+/// Training from a published model.
+mod warm_start;
+
 /// The registry through the command line.
 mod models;
 

@@ -34,11 +34,10 @@ fn what_is_pulled_is_what_was_published() {
     let shown = folder.run("model show avoid@1 --json").ok().json();
     assert_eq!(shown["manifest"]["lineage"]["seed"], 5);
     assert_eq!(shown["manifest"]["lineage"]["datasets"]["avoid"], format!("sha256:{}", "ab".repeat(32)));
-    // What trained and what published it, and what goes in and comes out.
-    for software in ["flowservo", "burn", "rustc"] {
-        let version = shown["manifest"]["lineage"]["software"][software].as_str().unwrap();
-        assert!(version.starts_with(|c: char| c.is_ascii_digit()), "{software} {version}");
-    }
+    // Nobody guesses what trained a checkpoint that does not say so.
+    assert_eq!(shown["manifest"]["lineage"]["software"], serde_json::json!({}));
+    assert_eq!(shown["manifest"]["lineage"].get("device"), None);
+    // What goes in and comes out.
     let interface = &shown["manifest"]["interface"];
     assert_eq!(interface["input"]["width"], 32);
     assert_eq!(interface["output"]["kind"], "avoidance_map");

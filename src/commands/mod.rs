@@ -17,6 +17,7 @@ mod replay;
 mod report;
 mod reproduce;
 mod train;
+mod warm_start;
 
 use crate::cli::{Cli, Command};
 use crate::output::out;

@@ -135,12 +135,17 @@ pub(crate) fn publish(
     Ok(published)
 }
 
-/// The folder of a model that a person names: a checkpoint's folder, or a version in the registry, which is then pulled into
-/// `pulled/` beside the registry's content, or here if that is in a bucket.
+/// The folder of a model that a person names.
 pub(crate) fn checkpoint(model: &str, registry: &Location) -> Result<PathBuf> {
+    find(model, registry).map(|(folder, _)| folder)
+}
+
+/// A model that a person names: a checkpoint's folder, or a version in the registry, which is then pulled into `pulled/` beside
+/// the registry's content, or here if that is in a bucket.
+pub(crate) fn find(model: &str, registry: &Location) -> Result<(PathBuf, Option<ModelVersion>)> {
     let folder = PathBuf::from(model);
     if folder.is_dir() {
-        return Ok(folder);
+        return Ok((folder, None));
     }
     let unknown =
         || format!("{model} is neither a checkpoint's folder nor a model in the registry {registry}");
@@ -155,9 +160,9 @@ pub(crate) fn checkpoint(model: &str, registry: &Location) -> Result<PathBuf> {
         None => Path::new("pulled").join(format!("{name}-{}", &version.digest.hex()[..12])),
     };
     // Exactly this version: an alias or the newest may be another one by now.
-    let exact = ModelRef { name: version.name, selector: Selector::Version(version.version) };
+    let exact = ModelRef { name: version.name.clone(), selector: Selector::Version(version.version) };
     opened.pull(&exact, &target)?;
-    Ok(target)
+    Ok((target, Some(version)))
 }
 
 /// Warns of a version that is yanked.

@@ -68,6 +68,9 @@ fn print(shown: &Shown) {
     for (dataset, digest) in &manifest.lineage.datasets {
         out!("  trained on {dataset}  {digest}");
     }
+    if let Some(parent) = &manifest.lineage.parent {
+        out!("  begun from {parent}");
+    }
     for (metric, Metric { value, attachment, .. }) in &shown.metrics {
         let source = attachment.map_or(String::new(), |number| format!("  (attachment {number})"));
         out!("  {metric} = {value:.4}{source}");

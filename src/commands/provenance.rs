@@ -1,6 +1,5 @@
 //! What a checkpoint is published with: where it comes from, how good it is, what goes in and comes out.
 
-use super::train::{RESULT, Trained};
 use crate::clock;
 use anyhow::{Context, Result};
 use registry::{Digest, Lineage, Provenance};
@@ -42,24 +41,17 @@ fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {
         datasets.insert(source.name.clone(), format!("sha256:{}", source.digest).parse()?);
     }
     let config = std::fs::read(checkpoint.join("config.toml"))?;
-    // The run's own folder, if the checkpoint still lies in it, knows the device.
-    let result = checkpoint.parent().and_then(|run| std::fs::read_to_string(run.join(RESULT)).ok());
-    let result: Option<Trained> = result.and_then(|text| serde_json::from_str(&text).ok());
-    let software = [
-        ("flowservo", Some(env!("CARGO_PKG_VERSION"))),
-        ("burn", option_env!("FLOWSERVO_BURN")),
-        ("rustc", option_env!("FLOWSERVO_RUSTC")),
-    ];
-    let known =
-        software.into_iter().filter_map(|(name, version)| Some((name.to_owned(), version?.to_owned())));
+    let parent = info.parent.as_ref().and_then(|parent| parent.version.as_ref());
+    let parent = parent.map(|version| format!("sha256:{}", version.manifest_sha256).parse()).transpose()?;
+    let program = info.program.clone();
     Ok(Lineage {
         datasets,
         config: Some(Digest::of(&config)),
-        parent: None,
-        code_revision: option_env!("FLOWSERVO_REVISION").map(str::to_owned),
+        parent,
+        code_revision: program.as_ref().and_then(|program| program.code_revision.clone()),
         seed: Some(info.seed),
-        device: result.map(|trained| trained.device),
-        software: known.collect(),
+        device: info.device.clone(),
+        software: program.map(|program| program.software).unwrap_or_default(),
     })
 }
 

@@ -135,6 +135,12 @@ impl ReproduceConfig {
         }
         for (name, training) in &self.training {
             file.check(training.task()).with_context(|| format!("training.{name}"))?;
+            if let Some(parent) = &training.parent {
+                return Err(bad_input(anyhow!(
+                    "training.{name}.parent = {parent:?}: expected no such key, since all that `reproduce` needs it makes \
+                     itself; `flowservo train` begins from a model"
+                )));
+            }
             for dataset in &training.datasets {
                 let known = dataset.to_str().is_some_and(|dataset| self.datasets.contains_key(dataset));
                 let unknown =
@@ -251,7 +257,8 @@ impl Reproduction<'_> {
             let resume = ::train::fit::can_resume(&folder);
             let name = format!("training {name}");
             let device = &self.device;
-            let job = train::Job { name: &name, config: &config, out: &folder, device, resume };
+            let (config, out) = (&config, folder.as_path());
+            let job = train::Job { name: &name, config, out, device, warm_start: None, resume };
             let trained = train::fit(&job, self.stop)?;
             let seconds = trained.seconds;
             (trained, Some(seconds))
@@ -320,6 +327,10 @@ mod tests {
             let file = Config::load(&path, &[]).unwrap();
             let config: ReproduceConfig = file.parse().unwrap();
             config.check(&file).unwrap();
+            let mut begun = config.clone();
+            begun.training.values_mut().for_each(|training| training.parent = Some("approach@1".to_owned()));
+            let refused = begun.check(&file).unwrap_err().to_string();
+            assert!(refused.contains("parent = \"approach@1\""), "{refused}");
             // What the paper calls 52,000 examples, in its ratio.
             let counts = ["a", "b", "c"].map(|name| config.datasets[name].count);
             assert_eq!(counts, [20_000, 20_000, 12_000], "{preset}");

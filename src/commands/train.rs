@@ -1,6 +1,6 @@
 //! `flowservo train`: one network from its configuration and its datasets.
 
-use super::{print_json, write_file};
+use super::{print_json, warm_start, write_file};
 use crate::cli;
 use crate::config::Config;
 use crate::device::{self, Opened};
@@ -12,6 +12,7 @@ use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
+use train::checkpoint::Program;
 use train::config::TrainConfig;
 use train::examples::Examples;
 use train::fit::{self, Run};
@@ -19,6 +20,7 @@ use train::history::{self, EpochRecord};
 use train::journal::Gauge;
 use train::metric::Metrics;
 use train::pretrained::Imported;
+use train::warm_start::WarmStart;
 
 /// Name of the file beside a run's checkpoints that says how the run went. It is written last.
 pub(crate) const RESULT: &str = "result.json";
@@ -57,13 +59,23 @@ pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()>
     if !arguments.data.is_empty() {
         config.datasets.clone_from(&arguments.data);
     }
-    file.check(config.task())?;
+    if arguments.from.is_some() {
+        config.parent.clone_from(&arguments.from);
+    }
+    let task = file.check(config.task())?;
+    let warm_start = if arguments.resume {
+        warm_start::recall(&mut config, &arguments.out);
+        None
+    } else {
+        warm_start::find(&mut config, &task, &arguments.registry.registry)?
+    };
     let device = device::open(arguments.device)?;
     let job = Job {
         name: "training",
         config: &config,
         out: &arguments.out,
         device: &device,
+        warm_start: warm_start.as_ref(),
         resume: arguments.resume,
     };
     let trained = fit(&job, stop)?;
@@ -85,13 +97,15 @@ pub(crate) struct Job<'a> {
     pub(crate) out: &'a Path,
     /// Where it is computed.
     pub(crate) device: &'a Opened,
+    /// The model that a new run begins from.
+    pub(crate) warm_start: Option<&'a WarmStart>,
     /// Continue the run in the folder.
     pub(crate) resume: bool,
 }
 
 /// Trains a network in a folder and shows how it goes.
 pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
-    let Job { name, config, out, device, resume } = *job;
+    let Job { name, config, out, device, warm_start, resume } = *job;
     let task = config.task()?;
     let loading = Progress::start(&format!("{name}: reading"), "examples", 0);
     let examples = Examples::load(&task, config.images, &config.datasets, &|done, total| {
@@ -106,12 +120,14 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     }
     let progress = Progress::start(name, "examples", 0);
     progress.say(&format!("{name}: {} examples, on {}", examples.len(), device.name));
-    let started = Instant::now();
+    let (started, program) = (Instant::now(), program());
     let run = Run {
         config,
         directory: out,
         device: &device.device,
         device_name: &device.name,
+        program: Some(&program),
+        warm_start,
         resume,
         stop: stop.flag(),
         gauge: &|| gauge(started),
@@ -144,6 +160,20 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     write_file(&out.join(CURVES), drawn.svg)?;
     write_file(&out.join(RESULT), serde_json::to_string_pretty(&trained)?)?;
     Ok(trained)
+}
+
+/// This program.
+fn program() -> Program {
+    let software = [
+        ("flowservo", Some(env!("CARGO_PKG_VERSION"))),
+        ("burn", option_env!("FLOWSERVO_BURN")),
+        ("rustc", option_env!("FLOWSERVO_RUSTC")),
+    ];
+    let known = |(name, version): (&str, Option<&str>)| Some((name.to_owned(), version?.to_owned()));
+    Program {
+        code_revision: option_env!("FLOWSERVO_REVISION").map(str::to_owned),
+        software: software.into_iter().filter_map(known).collect(),
+    }
 }
 
 /// What became of a file of published weights, a line each.
@@ -196,6 +226,14 @@ impl Shown<'_> {
             fit::Progress::Imported(imported) => {
                 for line in report(imported) {
                     progress.say(&format!("{name}: {line}"));
+                }
+            }
+            fit::Progress::WarmStart { parent, other_camera } => {
+                progress.say(&format!("{name}: begins from {parent}"));
+                if let Some((key, was, is)) = other_camera {
+                    progress.say(&format!(
+                        "{name}: {parent} learned from a camera with {key} = {was}, and these images have {is}"
+                    ));
                 }
             }
             fit::Progress::Step { epoch: [epoch, epochs], step: [step, steps], examples, loss } => {

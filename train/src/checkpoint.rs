@@ -9,6 +9,7 @@
 //! optimizer.safetensors only in `last`: the optimizer's moments
 //! ```
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -29,6 +30,7 @@ use crate::network::Network;
 use crate::normalization::Standardization;
 use crate::place::Place;
 use crate::publish::{self, at};
+use crate::warm_start::Parent;
 
 /// Version of the directory's form.
 const FORMAT: u32 = 2;
@@ -58,10 +60,30 @@ pub struct ModelInfo {
     /// SHA-256 of the file of published weights that the training began from, if it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pretrained_sha256: Option<String>,
+    /// The model that the training began from, if it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parent: Option<Parent>,
+    /// Where the weights were computed; of a run that changed its device, the last one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
+    /// What computed them, if it is known; of a run that changed its program, the last one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<Program>,
     /// State of the training when the weights were saved; none before the end of the first epoch.
     pub epoch: Option<EpochRecord>,
     /// SHA-256 of the weights' file.
     pub weights_sha256: String,
+}
+
+/// The program that trains.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Program {
+    /// Revision of its code, if it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code_revision: Option<String>,
+    /// Itself and what it is made with: name and version.
+    pub software: BTreeMap<String, String>,
 }
 
 /// What every version of `model.json` says.
@@ -84,9 +106,8 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Reads a checkpoint. Names the file that is missing, damaged, or of another form or architecture.
     pub fn load(directory: &Path, device: &Device) -> Result<Self> {
-        let info = ModelInfo::read(directory)?;
+        let info = ModelInfo::verified(directory)?;
         let path = directory.join(WEIGHTS);
-        verify(&path, &info.weights_sha256)?;
         let mut network = Network::new(&info.task, 0, device);
         let applied = network.load_from(&mut store(&path));
         let problem = match applied {
@@ -114,6 +135,13 @@ impl ModelInfo {
         read_json(&path)
     }
 
+    /// The same, if the weights are those that it speaks of.
+    pub(crate) fn verified(directory: &Path) -> Result<Self> {
+        let info = Self::read(directory)?;
+        verify(&directory.join(WEIGHTS), &info.weights_sha256)?;
+        Ok(info)
+    }
+
     /// Of a network that learns, or learned, a task from examples.
     pub(crate) fn new(task: &Task, examples: &Examples, standardization: Option<&Standardization>) -> Self {
         Self {
@@ -124,6 +152,9 @@ impl ModelInfo {
             datasets: examples.sources().to_vec(),
             seed: 0,
             pretrained_sha256: None,
+            parent: None,
+            device: None,
+            program: None,
             epoch: None,
             weights_sha256: String::new(),
         }
@@ -143,16 +174,12 @@ pub(crate) struct Contents<'a> {
 pub(crate) struct Resumption<'a> {
     pub(crate) optimizer: &'a AdamW,
     pub(crate) place: &'a Place,
-    /// How people call the device.
-    pub(crate) device: &'a str,
 }
 
 /// What `training.json` says.
 #[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct TrainingState {
     place: Place,
-    device: String,
     optimizer_sha256: String,
 }
 
@@ -169,24 +196,24 @@ impl Contents<'_> {
         write_json(&inside.join(MODEL), &self.info)?;
         Description::complete(inside)?;
         write_config(&inside.join(CONFIG), self.config)?;
-        let Some(Resumption { optimizer, place, device }) = self.training else { return Ok(()) };
+        let Some(Resumption { optimizer, place }) = self.training else { return Ok(()) };
         let moments = inside.join(OPTIMIZER);
         optimizer.moments.save_into(&mut store(&moments)).map_err(|error| cannot_write(&moments, &error))?;
         let optimizer_sha256 = digest_of_file(&moments)?;
-        let state = TrainingState { place: place.clone(), device: device.to_owned(), optimizer_sha256 };
+        let state = TrainingState { place: place.clone(), optimizer_sha256 };
         write_json(&inside.join(TRAINING), &state)
     }
 }
 
-/// Reads what only training needs: the optimizer with its moments, where training stands, and the device's name.
-pub(crate) fn load_training(directory: &Path, mut optimizer: AdamW) -> Result<(AdamW, Place, String)> {
+/// Reads what only training needs: the optimizer with its moments, and where training stands.
+pub(crate) fn load_training(directory: &Path, mut optimizer: AdamW) -> Result<(AdamW, Place)> {
     let state: TrainingState = read_json(&directory.join(TRAINING))?;
     let path = directory.join(OPTIMIZER);
     verify(&path, &state.optimizer_sha256)?;
     let loaded = optimizer.moments.load_from(&mut store(&path));
     loaded.map_err(|error| Error::Checkpoint { path, problem: error.to_string() })?;
     optimizer.steps = state.place.steps;
-    Ok((optimizer, state.place, state.device))
+    Ok((optimizer, state.place))
 }
 
 /// The configuration that a checkpoint was trained with.

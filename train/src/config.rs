@@ -29,6 +29,10 @@ pub struct TrainConfig {
     /// initial weights are random.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
+    /// The trained model to begin from (see [`warm_start`](crate::warm_start)): a checkpoint's folder, or a version in a
+    /// registry, which `NAME@sha256:DIGEST` names exactly. Who starts the run finds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parent: Option<String>,
     /// Steps between two checkpoints within an epoch. Nothing but the time lost to a crash depends on it.
     pub checkpoint_steps: usize,
     /// The network.
@@ -135,6 +139,14 @@ impl Task {
         }
     }
 
+    /// The first key of a configuration that makes another task of it, its value there and here.
+    pub(crate) fn difference(&self, other: &Self) -> Option<[String; 3]> {
+        let values = |task: &Self| Value::try_from(task).expect("it is made of numbers and names");
+        let [key, was, is] = difference("", &values(other), &values(self))?;
+        let key = if key == "label" { "network.label".to_owned() } else { key };
+        Some([key, was, is])
+    }
+
     fn validate(&self) -> Result<()> {
         match self {
             Self::Approach { network, .. } => Ok(network.validate()?),
@@ -150,6 +162,10 @@ impl TrainConfig {
         require("datasets", !self.datasets.is_empty(), &"[]", "at least one directory")?;
         let share = self.validation;
         require("validation", share > 0.0 && share <= 0.5, &share, "a share above 0 and at most 0.5")?;
+        if let (Some(file), Some(_)) = (&self.pretrained, &self.parent) {
+            let expected = "no such key, since a run with a `parent` begins from its weights";
+            require("pretrained", false, &file.display(), expected)?;
+        }
         let steps = self.checkpoint_steps;
         require("checkpoint_steps", steps > 0, &steps, "at least 1")?;
         require("phases", !self.phases.is_empty(), &"[]", "at least one phase")?;
@@ -263,6 +279,7 @@ pub(crate) mod tests {
             validation: 0.25,
             images: ImageSource::Cache,
             pretrained: None,
+            parent: None,
             checkpoint_steps: 4,
             network: NetworkConfig {
                 width: 0.02,
@@ -303,6 +320,8 @@ pub(crate) mod tests {
             config.task().unwrap_err().to_string()
         };
         assert!(named(|c| c.validation = 0.0).starts_with("validation = 0:"));
+        let both = |c: &mut TrainConfig| (c.pretrained, c.parent) = (Some("f".into()), Some("a@1".into()));
+        assert!(named(both).starts_with("pretrained = f: expected no such key"));
         assert!(named(|c| c.checkpoint_steps = 0).starts_with("checkpoint_steps = 0:"));
         assert!(named(|c| c.optimizer.batch = 0).starts_with("optimizer.batch = 0:"));
         assert!(named(|c| c.phases.clear()).starts_with("phases = []:"));

@@ -146,6 +146,9 @@ mod tests {
             datasets: Vec::new(),
             seed: 1,
             pretrained_sha256: None,
+            parent: None,
+            device: None,
+            program: None,
             epoch: None,
             weights_sha256: String::new(),
         }

@@ -181,6 +181,21 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// A model that learned something else than the run that is to begin from it.
+    #[error(
+        "{model} has {key} = {was}, and this configuration has {is}: a run begins from a model of the same network with \
+         the same outputs"
+    )]
+    OtherTask {
+        /// The model.
+        model: String,
+        /// What differs, dotted.
+        key: String,
+        /// In the model.
+        was: String,
+        /// In the configuration.
+        is: String,
+    },
     /// A file or directory that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {

@@ -283,6 +283,13 @@ pub(crate) mod tests {
     }
 
     impl Examples {
+        /// The same, with a label that is no number.
+        pub(crate) fn with_a_label_missing(mut self) -> Self {
+            let Labels::PoseChanges(labels) = &mut self.labels else { panic!("not pose changes") };
+            labels[0][0] = f64::NAN;
+            self
+        }
+
         /// The same, seen by a camera of another field of view.
         pub(crate) fn seen_at(mut self, fov_deg: f64) -> Self {
             self.camera.horizontal_fov_deg = fov_deg;

@@ -19,11 +19,11 @@ use burn::tensor::Device;
 
 use crate::adamw::AdamW;
 use crate::batch::{self, Batch};
-use crate::camera;
-use crate::checkpoint::{self, Checkpoint, Contents, ModelInfo, Resumption};
+use crate::beginning::{Beginning, Origin};
+use crate::checkpoint::{self, Contents, ModelInfo, Program, Resumption};
 use crate::config::{Task, TrainConfig};
 use crate::error::{Error, Result};
-use crate::examples::{Examples, Source};
+use crate::examples::Examples;
 use crate::history::EpochRecord;
 use crate::journal::{Gauge, Journal, Step};
 use crate::loss::mean_squared_error;
@@ -31,10 +31,11 @@ use crate::metric::Metrics;
 use crate::network::Network;
 use crate::phase::Phase;
 use crate::place::Place;
-use crate::pretrained::{self, Imported};
+use crate::pretrained::Imported;
 use crate::publish::{self, at};
 use crate::split::Split;
 use crate::targets::Targets;
+use crate::warm_start::WarmStart;
 
 /// A training run.
 pub struct Run<'a> {
@@ -46,6 +47,10 @@ pub struct Run<'a> {
     pub device: &'a Device,
     /// How people call the device.
     pub device_name: &'a str,
+    /// What computes it, if checkpoints shall say so.
+    pub program: Option<&'a Program>,
+    /// The model that [`parent`](TrainConfig::parent) names, which a new run begins from.
+    pub warm_start: Option<&'a WarmStart>,
     /// Continue the run in `directory` instead of starting one there.
     pub resume: bool,
     /// Looked at before every batch: if set, the state is saved and the run ends with [`Error::Interrupted`].
@@ -59,6 +64,13 @@ pub struct Run<'a> {
 pub enum Progress<'a> {
     /// The network begins from published weights.
     Imported(&'a Imported),
+    /// The network begins as the parent's.
+    WarmStart {
+        /// The parent.
+        parent: &'a WarmStart,
+        /// If its camera showed other things: a property, its value there and here.
+        other_camera: Option<(&'static str, f64, f64)>,
+    },
     /// The run begins, or goes on from a checkpoint.
     Begun {
         /// Complete epochs.
@@ -99,12 +111,10 @@ pub struct Fitted {
 }
 
 /// What a step changes.
-struct State {
-    network: Network,
-    optimizer: AdamW,
-    place: Place,
-    /// SHA-256 of the file of published weights from which it began.
-    pretrained: Option<String>,
+pub(crate) struct State {
+    pub(crate) network: Network,
+    pub(crate) optimizer: AdamW,
+    pub(crate) place: Place,
 }
 
 /// Is there a run in this directory that can be continued?
@@ -113,16 +123,27 @@ pub fn can_resume(directory: &Path) -> bool {
 }
 
 /// Trains a network, or continues to.
+///
+/// # Panics
+/// If a new run has a [`warm_start`](Run::warm_start) and its configuration no `parent`, or the other way round.
 pub fn fit(run: &Run, examples: &Examples, progress: &mut dyn FnMut(Progress)) -> Result<Fitted> {
     let task = run.config.task()?;
     let split = Split::new(run.config.seed, run.config.validation, &examples.ranges());
     let batch = run.config.optimizer.batch;
     let phases: Result<_> = run.config.phases.iter().map(|phase| Phase::new(phase, batch, &split)).collect();
     let phases: Vec<Phase> = phases?;
-    let targets = Targets::new(&task, examples, &split.learned())?;
-    let training = Training { run, task, examples, split, targets, phases };
-    let (mut state, other_device) =
-        if run.resume { training.resumed()? } else { (training.started(progress)?, None) };
+    let beginning = if run.resume {
+        Beginning::resumed(run, examples)?
+    } else {
+        Beginning::started(run, &task, examples, progress)?
+    };
+    let Beginning { mut state, standardization, origin, other_device } = beginning;
+    let targets = Targets::new(&task, examples, &split.learned(), standardization)?;
+    if !run.resume {
+        std::fs::create_dir_all(run.directory).map_err(at(run.directory))?;
+        checkpoint::write_config(&run.directory.join("config.toml"), run.config)?;
+    }
+    let training = Training { run, task, examples, split, targets, phases, origin };
     let Place { epoch: epochs, steps, .. } = state.place;
     progress(Progress::Begun {
         epochs,
@@ -143,8 +164,15 @@ pub fn fit(run: &Run, examples: &Examples, progress: &mut dyn FnMut(Progress)) -
     Ok(Fitted { checkpoint: training.best(), best, last, losses: losses.points })
 }
 
-fn last(directory: &Path) -> PathBuf {
+pub(crate) fn last(directory: &Path) -> PathBuf {
     directory.join("last")
+}
+
+impl Run<'_> {
+    /// Where it is learned.
+    pub(crate) fn autodiff(&self) -> Device {
+        self.device.clone().autodiff()
+    }
 }
 
 /// What a step does not change.
@@ -155,6 +183,7 @@ struct Training<'a> {
     split: Split,
     targets: Targets<'a>,
     phases: Vec<Phase>,
+    origin: Origin,
 }
 
 impl Training<'_> {
@@ -164,63 +193,6 @@ impl Training<'_> {
 
     fn best(&self) -> PathBuf {
         self.run.directory.join("best")
-    }
-
-    fn device(&self) -> Device {
-        self.run.device.clone().autodiff()
-    }
-
-    fn started(&self, progress: &mut dyn FnMut(Progress)) -> Result<State> {
-        let Run { config, directory, .. } = *self.run;
-        if can_resume(directory) {
-            return Err(Error::RunExists { directory: directory.to_owned() });
-        }
-        let mut network = Network::new(&self.task, config.seed, &self.device());
-        let mut pretrained = None;
-        if let Some(path) = &config.pretrained {
-            let imported = pretrained::import(path, &mut network, &self.device())?;
-            progress(Progress::Imported(&imported));
-            pretrained = Some(imported.sha256);
-        }
-        std::fs::create_dir_all(directory).map_err(at(directory))?;
-        checkpoint::write_config(&directory.join("config.toml"), config)?;
-        let optimizer = AdamW::new(&network, config.optimizer.weight_decay);
-        Ok(State { network, optimizer, place: Place::default(), pretrained })
-    }
-
-    fn resumed(&self) -> Result<(State, Option<String>)> {
-        let directory = self.run.directory;
-        publish::recover(&self.last())?;
-        publish::recover(&self.best())?;
-        if !self.last().exists() {
-            return Err(Error::NothingToResume { directory: directory.to_owned() });
-        }
-        let checkpoint = Checkpoint::load(&self.last(), &self.device())?;
-        if let Some([key, was, is]) = self.difference(&checkpoint.info)? {
-            return Err(Error::OtherRun { directory: directory.to_owned(), key, was, is });
-        }
-        let optimizer = AdamW::new(&checkpoint.network, self.run.config.optimizer.weight_decay);
-        let (optimizer, place, device) = checkpoint::load_training(&self.last(), optimizer)?;
-        let other_device = Some(device).filter(|name| name != self.run.device_name);
-        let pretrained = checkpoint.info.pretrained_sha256;
-        Ok((State { network: checkpoint.network, optimizer, place, pretrained }, other_device))
-    }
-
-    /// What keeps this run from being the one of a checkpoint: a key, its value there and here.
-    fn difference(&self, there: &ModelInfo) -> Result<Option<[String; 3]>> {
-        let config = self.run.config.difference(&checkpoint::load_config(&self.last())?);
-        let camera = || {
-            let (key, was, is) = camera::difference(&there.camera, self.examples.camera())?;
-            Some([format!("camera.{key}"), was.to_string(), is.to_string()])
-        };
-        let datasets = || {
-            let [was, is] = [&there.datasets, self.examples.sources()].map(|sources| {
-                let named = |source: &Source| format!("{} (digest {})", source.name, source.digest);
-                sources.iter().map(named).collect::<Vec<_>>().join(", ")
-            });
-            (was != is).then(|| ["datasets".to_owned(), was, is])
-        };
-        Ok(config.or_else(camera).or_else(datasets))
     }
 
     /// From wherever the state stands to the end of its epoch.
@@ -268,8 +240,8 @@ impl Training<'_> {
     }
 
     fn step(&self, state: State, phase: &Phase, batch: &Batch) -> Result<(State, Step)> {
-        let State { network, mut optimizer, place, pretrained } = state;
-        let device = self.device();
+        let State { network, mut optimizer, place } = state;
+        let device = self.run.autodiff();
         let outputs = network.forward(batch.images(&device));
         let loss = mean_squared_error(outputs, self.targets.tensor(batch.indices, &device));
         let learning_rate = phase.rate(place.phase_steps(phase));
@@ -278,7 +250,7 @@ impl Training<'_> {
         if !(step.loss.is_finite() && step.gradient_norm.is_finite()) {
             return Err(self.not_finite(&place, phase, step));
         }
-        Ok((State { network: taken.network, optimizer, place, pretrained }, step))
+        Ok((State { network: taken.network, optimizer, place }, step))
     }
 
     /// What the network achieves on the examples held out; none if it was stopped meanwhile.
@@ -291,7 +263,7 @@ impl Training<'_> {
                 if self.run.stop.load(Ordering::Relaxed) {
                     return Ok(None);
                 }
-                let output = network.forward(batch?.images(&self.device().inner()));
+                let output = network.forward(batch?.images(&self.run.device.clone().inner()));
                 outputs.extend(output.into_data().iter::<f32>());
             }
             Ok(Some(self.targets.metrics(&self.split.validation, &outputs)))
@@ -330,15 +302,22 @@ impl Training<'_> {
     }
 
     fn contents<'a>(&'a self, state: &'a State) -> Contents<'a> {
-        let info = ModelInfo::new(&self.task, self.examples, self.targets.standardization());
-        let (epoch, pretrained_sha256) = (state.place.last.clone(), state.pretrained.clone());
-        let info = ModelInfo { seed: self.run.config.seed, epoch, pretrained_sha256, ..info };
-        Contents { info, config: self.run.config, network: &state.network, training: None }
+        let Run { config, device_name, program, .. } = *self.run;
+        let Origin { pretrained_sha256, parent } = &self.origin;
+        let info = ModelInfo {
+            seed: config.seed,
+            pretrained_sha256: pretrained_sha256.clone(),
+            parent: parent.clone(),
+            device: Some(device_name.to_owned()),
+            program: program.cloned(),
+            epoch: state.place.last.clone(),
+            ..ModelInfo::new(&self.task, self.examples, self.targets.standardization())
+        };
+        Contents { info, config, network: &state.network, training: None }
     }
 
     fn save_last(&self, state: &State) -> Result<()> {
-        let device = self.run.device_name;
-        let training = Some(Resumption { optimizer: &state.optimizer, place: &state.place, device });
+        let training = Some(Resumption { optimizer: &state.optimizer, place: &state.place });
         Contents { training, ..self.contents(state) }.save(&self.last())
     }
 
@@ -382,7 +361,17 @@ pub(crate) mod tests {
         device: &'a Device,
         stop: &'a AtomicBool,
     ) -> Run<'a> {
-        Run { config, directory, device, device_name: "CPU", resume: false, stop, gauge: &Gauge::default }
+        Run {
+            config,
+            directory,
+            device,
+            device_name: "CPU",
+            program: None,
+            warm_start: None,
+            resume: false,
+            stop,
+            gauge: &Gauge::default,
+        }
     }
 
     /// Runs a configuration in a directory, and stops it before step `stop_at`, counted from the start of this call.
@@ -398,7 +387,7 @@ pub(crate) mod tests {
     }
 
     /// Digests of what a run leaves.
-    fn left(directory: &Path) -> [String; 5] {
+    pub(crate) fn left(directory: &Path) -> [String; 5] {
         let optimizer = "last/optimizer.safetensors";
         ["last/weights.safetensors", optimizer, "last/model.json", "best/model.json", "metrics.jsonl"]
             .map(|name| datagen::publish::digest(&fs::read(directory.join(name)).unwrap()))
@@ -594,6 +583,12 @@ pub(crate) mod tests {
         // Another device is no reason to refuse, but to say so.
         assert_eq!(resumed(&config, &squares(&task, 32), "CPU"), Ok(None));
         assert_eq!(resumed(&config, &squares(&task, 32), "GPU"), Ok(Some("CPU".to_owned())));
+        // Nor is it that a checkpoint does not say where it was computed, as those of older versions.
+        let model = directory.path().join("last/model.json");
+        let text = fs::read_to_string(&model).unwrap();
+        fs::write(&model, text.replace("  \"device\": \"CPU\",\n", "")).unwrap();
+        assert_eq!(ModelInfo::read(&directory.path().join("last")).unwrap().device, None);
+        assert_eq!(resumed(&config, &squares(&task, 32), "GPU"), Ok(None));
     }
 
     #[test]

@@ -9,6 +9,7 @@
 
 pub mod adamw;
 pub mod batch;
+mod beginning;
 mod cache;
 mod camera;
 pub mod checkpoint;
@@ -37,6 +38,7 @@ pub mod split;
 mod stream;
 mod targets;
 mod tensorboard;
+pub mod warm_start;
 
 pub use checkpoint::{Checkpoint, ModelInfo};
 pub use config::{Task, TrainConfig};
@@ -47,3 +49,4 @@ pub use fit::{Fitted, Progress, Run, fit};
 pub use history::EpochRecord;
 pub use journal::Gauge;
 pub use model::{ApproachModel, AvoidModel};
+pub use warm_start::WarmStart;

@@ -195,7 +195,7 @@ mod tests {
         let task = tiny(Kind::Approach).task().unwrap();
         let examples = squares(&task, 16);
         let split = crate::split::Split::new(7, 0.25, &examples.ranges());
-        let targets = crate::targets::Targets::new(&task, &examples, &split.learned()).unwrap();
+        let targets = crate::targets::Targets::new(&task, &examples, &split.learned(), None).unwrap();
         let images = crate::batch::Batch::new(&examples, &split.validation).unwrap().images(&device);
         let outputs: Vec<f32> = best.network.forward(images).into_data().iter().collect();
         assert_eq!(targets.metrics(&split.validation, &outputs), best.info.epoch.unwrap().validation);

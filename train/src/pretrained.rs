@@ -293,6 +293,8 @@ mod tests {
                 directory: &run,
                 device: &device,
                 device_name: "CPU",
+                program: None,
+                warm_start: None,
                 resume,
                 stop: &stop,
                 gauge: &Gauge::default,

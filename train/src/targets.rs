@@ -17,7 +17,13 @@ pub(crate) enum Targets<'a> {
 }
 
 impl<'a> Targets<'a> {
-    pub(crate) fn new(task: &Task, examples: &'a Examples, training: &[usize]) -> Result<Self> {
+    /// With the standardization that is `decided` already, or else that of the training examples.
+    pub(crate) fn new(
+        task: &Task,
+        examples: &'a Examples,
+        training: &[usize],
+        decided: Option<Standardization>,
+    ) -> Result<Self> {
         match (task, examples.labels()) {
             (Task::Approach { network, .. }, Labels::PoseChanges(labels)) => {
                 let learned: Vec<_> = training.iter().map(|&index| labels[index]).collect();
@@ -25,10 +31,8 @@ impl<'a> Targets<'a> {
                     Symmetry::Antisymmetric => Standardization::antisymmetric(&learned),
                     Symmetry::None => Standardization::centered(&learned),
                 };
-                Ok(Self::PoseChanges {
-                    labels,
-                    standardization: standardization.ok_or(Error::LabelsNotFinite)?,
-                })
+                let standardization = standardization.ok_or(Error::LabelsNotFinite)?;
+                Ok(Self::PoseChanges { labels, standardization: decided.unwrap_or(standardization) })
             }
             (Task::Avoidance { .. }, Labels::AvoidanceMaps(values)) => {
                 let mean = mean_map(training.iter().map(|&index| map(values, index)));
