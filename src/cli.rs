@@ -3,7 +3,7 @@
 mod exchange;
 mod model;
 
-pub(crate) use exchange::{Exchange, ExportFormat};
+pub(crate) use exchange::{Attach, Exchange, ExportFormat};
 pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
 
 use crate::device::DeviceChoice;
@@ -244,7 +244,8 @@ pub(crate) enum Model {
         checkpoint: PathBuf,
         /// The model's name.
         name: String,
-        /// Folder of an evaluation of this checkpoint, whose Table 1 is published as its metrics.
+        /// Folder of an evaluation of this checkpoint, whose Table 1 is published as its metrics, or attached if the version is
+        /// there already.
         #[arg(long, value_name = "DIR")]
         evaluation: Option<PathBuf>,
         /// The registry.
@@ -258,7 +259,7 @@ pub(crate) enum Model {
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Show a version: files, lineage, metrics.
+    /// Show a version: files, lineage, metrics, signatures and evaluations.
     #[command(after_help = "Example: flowservo model show approach@1")]
     Show {
         /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
@@ -268,29 +269,34 @@ pub(crate) enum Model {
         registry: RegistryArgs,
     },
     /// Copy a version out of the registry, with every digest checked.
-    #[command(after_help = "Example: flowservo model pull approach@1 --out runs/pulled")]
+    #[command(after_help = "Examples:\n  flowservo model pull approach@1 --out runs/pulled\n  \
+                            flowservo model pull approach@1 --out runs/pulled --public-key pub.pem")]
     Pull {
         /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
         model: String,
         /// Folder to write.
         #[arg(long)]
         out: PathBuf,
+        /// Write nothing unless a signature by this key, a PEM file, is attached to the version.
+        #[arg(long, value_name = "PEM")]
+        public_key: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
     },
     /// Check every file of a model, or of the whole registry, against its digest.
     #[command(after_help = "Examples:\n  flowservo model verify\n  \
-                            flowservo model verify approach@1 --public-key pub.pem --signature model.sig")]
+                            flowservo model verify approach@1 --public-key pub.pem\n  \
+                            flowservo model verify pulled --public-key pub.pem --signature model.sig")]
     Verify {
         /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST; everything by default. With --public-key also a model's folder.
         model: Option<String>,
         /// Check the model's signature with this key, a PEM file.
         #[arg(long, value_name = "PEM", requires = "model")]
         public_key: Option<PathBuf>,
-        /// The signature.
-        #[arg(long, value_name = "FILE", default_value = "model.sig", requires = "public_key")]
-        signature: PathBuf,
+        /// The signature; by default one that is attached to the version, and of a folder model.sig.
+        #[arg(long, value_name = "FILE", requires = "public_key")]
+        signature: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,

@@ -1,4 +1,4 @@
-//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign.
+//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign, attach.
 
 use crate::support::Folder;
 
@@ -258,6 +258,7 @@ fn a_signature_holds_for_what_was_signed() {
     folder.run("model sign avoid@1 --key key.pem --out one.sig").ok();
     folder.run("model sign avoid@1 --key key.pem --out one.sig").fails(1, &["one.sig", "never"]);
     folder.run("model sign avoid@1 --key pub.pem --out x.sig").fails(2, &["pub.pem", "private key"]);
+    assert!(!folder.path("model.sig").exists(), "the signature is in the registry");
     folder.run("model pull avoid@1 --out pulled").ok();
     for model in ["avoid@1", "pulled"] {
         folder.run(&format!("model verify {model} --public-key pub.pem --signature one.sig")).ok();
@@ -266,8 +267,119 @@ fn a_signature_holds_for_what_was_signed() {
     folder.run(other).fails(1, &["one.sig", "model.json"]);
     folder.run("model verify avoid@1 --public-key key.pem --signature one.sig").fails(2, &["public key"]);
     folder.run("model verify --public-key pub.pem").fails(2, &["MODEL"]);
+    folder.run("model sign pulled --key key.pem").ok();
+    folder.run("model verify pulled --public-key pub.pem").ok();
     folder.write("pulled/weights.safetensors", "One");
     folder
         .run("model verify pulled --public-key pub.pem --signature one.sig")
         .fails(1, &["weights.safetensors"]);
+}
+
+/// Another key, made with `openssl ecparam`.
+const OTHER_KEY: &str = "-----BEGIN EC PRIVATE KEY-----\n\
+MHcCAQEEID2CibQXA+y1m2J6wOdtI6cD9xDO5fecOqk7GvbkR4bYoAoGCCqGSM49\n\
+AwEHoUQDQgAEBgiPsY0Es4qnhEqO2rv1dI7jByWPL29KFdy5+V6TMZ3X/sjxKw8K\n\
+OrzWbTml/CofJ123vjc3+X9L3L4hDBqagQ==\n\
+-----END EC PRIVATE KEY-----\n";
+
+/// Two versions of `avoid`, and keys.
+fn with_keys() -> Folder {
+    let folder = two_versions();
+    for (file, text) in [("key.pem", KEY), ("pub.pem", PUBLIC_KEY), ("other.pem", OTHER_KEY)] {
+        folder.write(file, text);
+    }
+    folder
+}
+
+/// Two versions of `avoid`, the first signed by both keys, the other one's first, which also lies in `other.sig`.
+fn signed_twice() -> Folder {
+    let folder = with_keys();
+    folder.run("model sign avoid@1 --key other.pem --out other.sig").ok();
+    folder.run("model sign avoid@1 --key key.pem").ok();
+    folder
+}
+
+const VERIFY_SIGNED: &str = "model verify avoid@1 --public-key pub.pem";
+const PULL_SIGNED: &str = "model pull avoid@1 --out pulled --public-key pub.pem";
+
+#[test]
+fn only_what_is_signed_is_delivered_to_who_asks_for_it() {
+    let folder = with_keys();
+    let none = ["avoid@1 is not signed with this key", "no signature is attached"];
+    folder.run(VERIFY_SIGNED).fails(1, &none);
+    folder.run(PULL_SIGNED).fails(1, &none);
+    folder.run("model sign avoid@1 --key other.pem").ok();
+    folder.run(PULL_SIGNED).fails(1, &["of 1 signatures none is by"]);
+    assert!(!folder.path("pulled").exists());
+    folder.run(&PULL_SIGNED.replace("pub.pem", "other.pem")).fails(2, &["other.pem", "public key"]);
+
+    let signed = folder.run("model sign avoid@1 --key key.pem --json").ok();
+    assert!(signed.stdout().contains("avoid@1: signature attached"), "{}", signed.stdout());
+    assert_eq!(signed.json()["changed"], true);
+    assert_eq!(signed.json()["attachment"]["number"], 2);
+    assert_eq!(folder.run("model sign avoid@1 --key key.pem --json").ok().json()["changed"], false);
+    assert_eq!(folder.run(&format!("{VERIFY_SIGNED} --json")).ok().json()["attachment"], 2);
+    folder.run(PULL_SIGNED).ok();
+    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "first");
+    folder.run("model verify avoid --public-key pub.pem").fails(1, &["avoid@2", "no signature"]);
+}
+
+#[test]
+fn a_version_shows_when_it_was_published_and_what_is_attached() {
+    let folder = signed_twice();
+    let shown = folder.run("model show avoid@1 --json").ok();
+    let (text, shown) = (shown.stdout(), shown.json());
+    assert!(text.contains("  2 signatures\n"), "{text}");
+    let created = &shown["manifest"]["annotations"]["org.opencontainers.image.created"];
+    assert!(text.contains(&format!("published {}", created.as_str().unwrap())), "{text}");
+    let hint = |i: usize| shown["attachments"][i]["signature"]["key_hint"].as_str().unwrap().to_owned();
+    assert_ne!(hint(0), hint(1));
+    for i in 0..2 {
+        let line = format!("  attachment {}: signature by key {} (2", i + 1, hint(i));
+        assert!(text.contains(&line), "{line} in\n{text}");
+    }
+    // The same files published at another time are no other version.
+    folder.run("model publish first avoid").ok();
+    assert_eq!(folder.run("model show avoid@1 --json").ok().json(), shown);
+}
+
+#[test]
+fn signatures_from_files_are_attached_where_they_belong() {
+    let folder = signed_twice();
+    let again = folder.run("model attach avoid@1 --signature other.sig").ok().stdout();
+    assert!(again.contains("has this signature already"), "{again}");
+    folder
+        .run("model attach avoid@2 --signature other.sig")
+        .fails(1, &["other files were signed", "model.json"]);
+    let none = "model attach avoid@2 --signature first/config.toml";
+    folder.run(none).fails(1, &["first/config.toml", "no Sigstore bundle"]);
+    folder.run("model attach avoid@2").fails(2, &["--evaluation", "--signature"]);
+    folder.run("model publish first same").ok();
+    folder.run("model attach same@1 --signature other.sig --reason copied --by ann").ok();
+    let shown = folder.run("model show same").ok().stdout();
+    assert!(shown.contains(": copied (ann, 2"), "{shown}");
+    folder.run("model gc --older-than 0s --delete").ok();
+    let verified = folder.run("model verify --json").ok().json();
+    assert_eq!((&verified["entries"], &verified["versions"]), (&3.into(), &3.into()));
+}
+
+#[test]
+fn a_damaged_signature_is_found_and_does_not_hide_another() {
+    let folder = signed_twice();
+    let shown = folder.run("model show avoid@1 --json").ok().json();
+    let digest = shown["attachments"][0]["attached"]["digest"].as_str().unwrap()[7..].to_owned();
+    let blob = folder.path(&format!("models/blobs/sha256/{}/{digest}", &digest[..2]));
+    let mut bytes = std::fs::read(&blob).unwrap();
+    bytes[100] ^= 1;
+    std::fs::write(&blob, bytes).unwrap();
+    for all in ["", " avoid@1"] {
+        let found = folder.run(&format!("model verify{all}"));
+        found.fails(1, &["damaged"]);
+        assert!(found.stdout().contains("avoid@1/attachments: "), "{}", found.stdout());
+    }
+    folder.run(VERIFY_SIGNED).ok();
+    folder.run(PULL_SIGNED).ok();
+    // Signed again with the key that it is by, it is whole.
+    folder.run("model sign avoid@1 --key other.pem").ok();
+    folder.run("model verify").ok();
 }

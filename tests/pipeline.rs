@@ -25,6 +25,38 @@ fn measured(results: &Value) -> Vec<(String, Value)> {
     systems.iter().flat_map(untimed).collect()
 }
 
+/// A network in the run's registry has one evaluation: Table 1's figures of this system, without times.
+#[track_caller]
+fn figures_are_in_the_registry(folder: &Folder, results: &Value, version: &str, system: usize) {
+    let shown = folder.run(&format!("model show {version} --registry run/registry --json")).ok();
+    let (shown, text) = (shown.json(), shown.stdout());
+    let figures = results["evaluation"][system].as_object().unwrap();
+    let numbers: Vec<_> = figures.iter().filter(|(_, value)| value.is_number()).collect();
+    assert!(numbers.len() > 20, "{figures:?}");
+    for (key, value) in numbers {
+        let metric = &shown["metrics"][format!("table1_{key}")];
+        assert_eq!(metric["value"].as_f64(), value.as_f64(), "{version}: {key}");
+        assert_eq!(metric["attachment"], 1, "{version}: {key}");
+    }
+    assert!(text.contains("attachment 1: evaluation (2"), "{text}");
+    assert!(!text.contains("ms_per_step"), "{text}");
+    let attachments = shown["attachments"].as_array().unwrap();
+    assert_eq!(attachments.len(), 1, "{version}");
+    let configuration = &attachments[0]["evaluation"]["configuration"];
+    assert_eq!(configuration["sessions"], 4);
+    // Both networks, by the digests of their weights.
+    let weights = |model: &str| {
+        let shown = folder.run(&format!("model show {model} --registry run/registry --json")).ok().json();
+        let layers = shown["manifest"]["layers"].as_array().unwrap().clone();
+        let is_weights = |layer: &&Value| layer["annotations"].to_string().contains("weights.safetensors");
+        layers.iter().find(is_weights).unwrap()["digest"].clone()
+    };
+    assert_eq!(configuration["policies"]["avoid"], weights("avoid@1"));
+    if !version.starts_with("avoid") {
+        assert_eq!(configuration["policies"]["approach"], weights(version));
+    }
+}
+
 #[test]
 fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
     let folder = Folder::new();
@@ -61,9 +93,14 @@ fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
         "the page needs nothing from elsewhere"
     );
 
+    figures_are_in_the_registry(&folder, &results, "approach@1", 0);
+    figures_are_in_the_registry(&folder, &results, "plain@1", 1);
+    figures_are_in_the_registry(&folder, &results, "avoid@1", 0);
+
     let again = reproduce(&folder, "");
     assert!(again.stderr().contains("training approach: finished before"), "{}", again.stderr());
     assert_eq!(measured(&again.json()), measured(&results));
+    figures_are_in_the_registry(&folder, &results, "approach@1", 0);
 
     let anew = Folder::new();
     let anew = reproduce(&anew, "");
@@ -76,6 +113,9 @@ fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
             && !told.contains("training plain: finished before"),
         "{told}"
     );
+    figures_are_in_the_registry(&folder, &changed.json(), "plain@2", 1);
+    figures_are_in_the_registry(&folder, &results, "avoid@1", 0);
+    folder.run("model verify --registry run/registry").ok();
 }
 
 #[test]
@@ -104,6 +144,23 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     let metrics = &folder.run("model show measured --json").ok().json()["manifest"]["metrics"];
     assert_eq!(metrics["table1_position_norm_mm"], by_path["position_norm_mm"]);
     assert!(metrics["validation_position_error_mm"].as_f64().unwrap() > 0.0);
+    // What was published before they were run has them attached, once.
+    for (name, expected) in [
+        ("measured", "measured@1 has these metrics already"),
+        ("approach", "approach@1: evaluation attached"),
+        ("approach", "approach@1 has these metrics already"),
+    ] {
+        let told = folder.run(&format!("model publish run/best {name} --evaluation e2")).ok().stdout();
+        assert!(told.contains(expected), "{told}");
+    }
+    let again = folder.run("model attach approach@1 --evaluation e2 --json").ok();
+    assert_eq!(again.json()["changed"], false, "{}", again.stdout());
+    let shown = folder.run("model show approach --json").ok().json();
+    assert_eq!(shown["metrics"]["table1_position_norm_mm"]["value"], by_path["position_norm_mm"]);
+    assert_eq!(shown["manifest"]["metrics"]["table1_position_norm_mm"], Value::Null);
+    let compared = folder.run("model diff approach measured --json").ok().json();
+    let same = |metric: &Value| metric["difference"] == 0.0;
+    assert!(compared["metrics"].as_array().unwrap().iter().all(same), "{compared}");
     assert!(folder.path("e1/table1.md").exists() && folder.path("e1/config.toml").exists());
     // The paper's own label and network, the baseline and FlowNetC go the same way.
     for (run, network) in [
@@ -117,6 +174,9 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
         folder
             .run(&format!("model publish {run}/best other --evaluation e2"))
             .fails(2, &["e2/config.toml", "run/best"]);
+        folder
+            .run(&format!("model attach approach --evaluation e-{run}"))
+            .fails(2, &[&format!("e-{run}/config.toml"), &format!("{run}/best")]);
     }
 }
 

@@ -67,7 +67,8 @@ pub(crate) fn aliases_key(name: &ModelName) -> String {
 
 /// The log of an alias.
 pub(crate) fn alias_log(name: &ModelName, alias: &AliasName) -> Log {
-    Log { subject: format!("{name}:{alias}"), folder: format!("{}/{alias}", aliases_key(name)) }
+    let (subject, folder) = (format!("{name}:{alias}"), format!("{}/{alias}", aliases_key(name)));
+    Log { subject, folder, attaches: false }
 }
 
 impl Registry {

@@ -1,5 +1,6 @@
 //! `README.md` of a published model: a card whose front matter the Hugging Face Hub understands.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde_json::Value;
@@ -9,11 +10,11 @@ use crate::registry::ModelVersion;
 /// Name of the file.
 pub(crate) const FILE: &str = "README.md";
 
-/// The card of a version, under a license of the Hub's list (`apache-2.0`), if there is one.
-pub(crate) fn text(version: &ModelVersion, license: Option<&str>) -> String {
-    let mut text = front_matter(version, license);
+/// The card of a version whose metrics have these values, under a license of the Hub's list (`apache-2.0`), if there is one.
+pub(crate) fn text(version: &ModelVersion, values: &BTreeMap<String, f64>, license: Option<&str>) -> String {
+    let mut text = front_matter(version, values, license);
     text += &introduction(version);
-    text += &table("Metrics", ["metric", "value"], metrics(version));
+    text += &table("Metrics", ["metric", "value"], metrics(values));
     text += &table("Where it comes from", ["", ""], lineage(version));
     let mut interface = Vec::new();
     for (key, value) in &version.manifest.interface {
@@ -22,7 +23,7 @@ pub(crate) fn text(version: &ModelVersion, license: Option<&str>) -> String {
     text + &table("What goes in and what comes out", ["", ""], interface)
 }
 
-fn front_matter(version: &ModelVersion, license: Option<&str>) -> String {
+fn front_matter(version: &ModelVersion, values: &BTreeMap<String, f64>, license: Option<&str>) -> String {
     let (name, manifest) = (&version.name, &version.manifest);
     let mut text = "---\n".to_owned();
     let mut line = |line: String| {
@@ -37,13 +38,13 @@ fn front_matter(version: &ModelVersion, license: Option<&str>) -> String {
     if !datasets.is_empty() {
         line(format!("datasets:\n- {}", datasets.join("\n- ")));
     }
-    if !manifest.metrics.is_empty() {
+    if !values.is_empty() {
         line(format!(
             "model-index:\n- name: {name}\n  results:\n  - task:\n      type: robotics\n      name: visual servoing"
         ));
         let dataset = quoted(&datasets.join(", ").replace('"', ""));
         line(format!("    dataset:\n      type: flowservo\n      name: {dataset}\n    metrics:"));
-        for (metric, value) in &manifest.metrics {
+        for (metric, value) in values {
             line(format!(
                 "    - type: {metric}\n      name: {}\n      value: {value:?}",
                 metric.replace('_', " ")
@@ -67,8 +68,8 @@ fn introduction(version: &ModelVersion) -> String {
     )
 }
 
-fn metrics(version: &ModelVersion) -> Vec<[String; 2]> {
-    version.manifest.metrics.iter().map(|(name, value)| [code(name), value.to_string()]).collect()
+fn metrics(values: &BTreeMap<String, f64>) -> Vec<[String; 2]> {
+    values.iter().map(|(name, value)| [code(name), value.to_string()]).collect()
 }
 
 fn lineage(version: &ModelVersion) -> Vec<[String; 2]> {
@@ -142,8 +143,6 @@ fn code(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
     use crate::digest::Digest;
     use crate::fixture::Place;
@@ -170,7 +169,7 @@ mod tests {
         let name = "approach".parse().unwrap();
         let registry = place.registry();
         let published = registry.publish(&name, &place.checkpoint("checkpoint", b"w"), provenance).unwrap();
-        let card = text(published.version(), Some("apache-2.0"));
+        let card = text(published.version(), &published.version().manifest.metrics, Some("apache-2.0"));
         let (front, body) = card.strip_prefix("---\n").unwrap().split_once("\n---\n").unwrap();
         for line in [
             "license: \"apache-2.0\"",
@@ -194,7 +193,7 @@ mod tests {
         ] {
             assert!(body.contains(part), "{part} in\n{body}");
         }
-        let bare = text(&place.publish(&registry, "bare", b"w"), None);
+        let bare = text(&place.publish(&registry, "bare", b"w"), &BTreeMap::new(), None);
         assert!(
             !bare.contains("license") && !bare.contains("model-index") && !bare.contains("## Metrics"),
             "{bare}"

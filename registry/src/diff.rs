@@ -8,10 +8,9 @@ use serde_json::Value;
 use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::manifest::{Descriptor, Manifest};
-use crate::problem::{Fault, Problem};
 use crate::reference::ModelRef;
 use crate::registry::{ModelVersion, Registry};
-use crate::store::{DOCUMENT_LIMIT, blob_key};
+use crate::store::DOCUMENT_LIMIT;
 
 /// The file of a checkpoint that says how it was trained.
 const CONFIG: &str = "config.toml";
@@ -26,7 +25,7 @@ pub struct Difference {
     pub to: ModelVersion,
     /// Keys of the two `config.toml` whose values differ, as `phases.0.epochs`.
     pub configuration: Vec<Change<Value>>,
-    /// All metrics of both.
+    /// All metrics of both, as [`Registry::metrics`] has them.
     pub metrics: Vec<Compared>,
     /// What of the lineage differs, as `datasets.b_2a`.
     pub lineage: Vec<Change<Value>>,
@@ -71,7 +70,7 @@ impl Registry {
         let (from, to) = (self.show(from)?, self.show(to)?);
         let configuration = changes(self.configuration(&from)?, self.configuration(&to)?);
         let (a, b) = (&from.manifest, &to.manifest);
-        let metrics = side_by_side(a.metrics.clone(), b.metrics.clone());
+        let metrics = side_by_side(self.values(&from)?, self.values(&to)?);
         let metrics = metrics.into_iter().map(Compared::from).collect();
         let lineage = changes(lineage(&from)?, lineage(&to)?);
         let files = changes(files(a), files(b));
@@ -86,22 +85,10 @@ impl Registry {
         if layer.size > DOCUMENT_LIMIT {
             return Err(refuse(format!("it has {} bytes, more than {DOCUMENT_LIMIT}", layer.size)));
         }
-        let bytes = self.layer(version, layer)?;
+        let bytes = self.document(&version.to_string(), layer)?;
         let text = String::from_utf8(bytes).map_err(|error| refuse(error.to_string()))?;
         let document = toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
         Ok(flattened(document))
-    }
-
-    /// The content of a small layer, verified.
-    fn layer(&self, version: &ModelVersion, layer: &Descriptor) -> Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        let found = self.store.read_blob(layer.digest, &mut |piece| {
-            bytes.extend_from_slice(piece);
-            Ok(())
-        })?;
-        let Some(fault) = Fault::of_blob(layer.content(), found) else { return Ok(bytes) };
-        let (model, file) = (Some(version.to_string()), layer.path().map(str::to_owned));
-        Err(Problem { model, file, object: blob_key(layer.digest), fault }.into())
     }
 }
 
@@ -157,6 +144,7 @@ mod tests {
     use super::*;
     use crate::fixture::{Place, flip, model};
     use crate::manifest::{Lineage, Provenance};
+    use crate::store::blob_key;
 
     /// Publishes a checkpoint with this configuration, weights and metric.
     fn publish(place: &Place, registry: &Registry, config: &str, weights: &str, metric: (&str, f64)) {

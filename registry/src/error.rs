@@ -205,6 +205,22 @@ pub enum Error {
         /// Why.
         reason: String,
     },
+    /// No signature of a version is by the key that was asked for.
+    #[error("{model} is not signed with this key: {reason}")]
+    Unsigned {
+        /// `approach@3`.
+        model: String,
+        /// What is there instead.
+        reason: String,
+    },
+    /// Something cannot be attached to a version.
+    #[error("cannot attach this to {model}: {reason}")]
+    Attachment {
+        /// `approach@3`.
+        model: String,
+        /// What stands against it and what to do.
+        reason: String,
+    },
     /// A local file or folder could not be read or written.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {

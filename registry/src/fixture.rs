@@ -1,18 +1,24 @@
 //! Set-up shared by the tests: registries on a folder and in memory, small checkpoints.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
 use object_store::memory::InMemory;
+use p256::SecretKey;
+use p256::pkcs8::{EncodePrivateKey as _, LineEnding};
 use tempfile::TempDir;
 
+use crate::attachment::Attachment;
+use crate::evaluation::Evaluation;
 use crate::manifest::Provenance;
 use crate::name::ModelName;
 use crate::publish::Published;
 use crate::quirk::{Quirk, Quirky};
 use crate::registry::{ModelVersion, Registry};
+use crate::signature::PrivateKey;
 use crate::store::Store;
 
 /// A place for a registry and for what is pulled from it, gone when dropped.
@@ -80,6 +86,19 @@ pub(crate) fn quirky(quirk: Quirk) -> Store {
 
 pub(crate) fn model(name: &str) -> ModelName {
     name.parse().unwrap()
+}
+
+/// An evaluation with one metric.
+pub(crate) fn evaluation(metric: &str, value: f64) -> Attachment {
+    let metrics = BTreeMap::from([(metric.to_owned(), value)]);
+    let configuration = BTreeMap::from([("sessions".to_owned(), 40.into())]);
+    Attachment::Evaluation(Evaluation { metrics, configuration })
+}
+
+/// The key with this scalar, repeated.
+pub(crate) fn key(scalar: u8) -> PrivateKey {
+    let secret = SecretKey::from_slice(&[scalar; 32]).unwrap();
+    PrivateKey::from_pem(&secret.to_pkcs8_pem(LineEnding::LF).unwrap()).unwrap()
 }
 
 /// Bytes with no period that a part or buffer could hide.

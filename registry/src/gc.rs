@@ -162,7 +162,7 @@ impl References {
 fn is_numbered(key: &str) -> bool {
     let kind = key.split('/').nth(2);
     let object = key.rsplit('/').next().unwrap_or(key);
-    kind.is_some_and(|kind| matches!(kind, "versions" | "aliases" | "yanks"))
+    kind.is_some_and(|kind| matches!(kind, "versions" | "aliases" | "yanks" | "attachments"))
         && (version_number(object).is_some() || entry_number(object).is_some())
 }
 
@@ -222,14 +222,13 @@ fn file(path: &Path, key: &str) -> Result<Option<Object>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::{Place, flip, model};
+    use crate::fixture::{Place, evaluation, flip, model};
     use crate::log::{Expect, Remark};
     use crate::manifest::Provenance;
-    use crate::store::version_key;
 
     const DAY: Duration = Duration::from_hours(24);
 
-    /// A registry with versions, an alias, a yank, and two blobs that nothing names.
+    /// A registry with versions, an alias, a yank, an attachment, and two blobs that nothing names.
     fn littered(place: &Place) -> Registry {
         let registry = place.registry();
         let first = place.publish(&registry, "approach", b"one");
@@ -237,6 +236,7 @@ mod tests {
         let none = Remark::default();
         registry.set_alias(&"champion".parse().unwrap(), &first, Expect::Anything, &none).unwrap();
         registry.yank(&first, &none).unwrap();
+        registry.attach(&first, &evaluation("error_mm", 0.5), &none).unwrap();
         for orphan in [&b"orphan"[..], b"litter"] {
             registry.store.put_blob(Digest::of(orphan), orphan.to_vec()).unwrap();
         }
@@ -320,16 +320,20 @@ mod tests {
         assert!(age(&orphan) > DAY);
     }
 
-    /// Damaged, a manifest no longer names its blobs.
+    /// Damaged, neither a manifest nor an entry names its blobs any more.
     #[test]
     fn a_damaged_registry_is_left_alone() {
-        let place = Place::local();
-        let registry = littered(&place);
-        let garbage = registry.garbage(in_days(15), GRACE).unwrap();
-        flip(&place.path("registry"), &version_key(&model("approach"), 2));
-        assert!(matches!(registry.garbage(in_days(15), GRACE), Err(Error::Damaged(_))));
-        assert!(matches!(registry.delete_garbage(garbage, in_days(15), GRACE), Err(Error::Damaged(_))));
-        assert!(orphans().iter().all(|key| place.path("registry").join(key).exists()));
+        for key in
+            ["models/approach/versions/000002.json", "models/approach/attachments/000001/000000001.json"]
+        {
+            let place = Place::local();
+            let registry = littered(&place);
+            let garbage = registry.garbage(in_days(15), GRACE).unwrap();
+            flip(&place.path("registry"), key);
+            assert!(matches!(registry.garbage(in_days(15), GRACE), Err(Error::Damaged(_))));
+            assert!(matches!(registry.delete_garbage(garbage, in_days(15), GRACE), Err(Error::Damaged(_))));
+            assert!(orphans().iter().all(|key| place.path("registry").join(key).exists()));
+        }
     }
 
     #[test]

@@ -47,7 +47,10 @@ impl Registry {
         for layer in &version.manifest.layers {
             self.write_blob(&version, layer, &staged.folder.join(place(layer)))?;
         }
-        write_new(&staged.folder.join(card::FILE), card::text(&version, license).as_bytes())?;
+        write_new(
+            &staged.folder.join(card::FILE),
+            card::text(&version, &self.values(&version)?, license).as_bytes(),
+        )?;
         write_new(&staged.folder.join(MANIFEST), &self.manifest_bytes(&version)?)?;
         staged.finish(destination, &version)?;
         Ok(version)

@@ -9,11 +9,12 @@
 //! models/<name>/versions/000007.json              manifest of version 7, created once: of two writers, one takes 8
 //! models/<name>/aliases/<alias>/000000012.json    what the alias means since its 12th change
 //! models/<name>/yanks/000003/000000001.json       that and why version 3 is yanked, or no longer
+//! models/<name>/attachments/000003/000000001.json a signature or an evaluation of version 3, made after it was published
 //! ```
 //!
 //! Publishing writes blobs first and the numbered manifest last, so an interrupted publication leaves only blobs that no
 //! version names. A numbered manifest also stands among the blobs, byte for byte: the number finds it, the digest
-//! proves it. So do entries about aliases and yanked versions, each of which also names the digest of the one before. What
+//! proves it. So do entries about aliases, yanked versions and attachments, each of which also names the digest of the one before. What
 //! nothing names any more is garbage, the only thing that is ever deleted. Manifests are OCI image manifests with the media
 //! types of the CNCF model format (<https://github.com/modelpack/model-spec>). A version leaves the registry as a folder, an OCI
 //! image layout or a folder for the Hugging Face Hub, comes back from the latter two, and is signed by the rules of OpenSSF Model
@@ -26,6 +27,7 @@
 #![forbid(unsafe_code)]
 
 mod alias;
+mod attachment;
 #[cfg(feature = "s3")]
 mod bucket;
 mod card;
@@ -33,6 +35,7 @@ mod checkpoint;
 mod diff;
 mod digest;
 mod error;
+mod evaluation;
 #[cfg(test)]
 mod fixture;
 mod gc;
@@ -58,9 +61,11 @@ mod verify;
 mod yank;
 
 pub use alias::AliasName;
+pub use attachment::{Attached, Attachment};
 pub use diff::{Change, Compared, Difference};
 pub use digest::Digest;
 pub use error::{Error, Result};
+pub use evaluation::{Evaluation, Metric};
 pub use gc::{GRACE, Garbage};
 pub use location::Location;
 pub use log::{Entry, Expect, Remark, Target};
@@ -71,5 +76,5 @@ pub use publish::Published;
 pub use pull::Pulled;
 pub use reference::{ModelRef, Selector};
 pub use registry::{Model, ModelVersion, Registry};
-pub use signature::{PrivateKey, PublicKey, SignedFiles};
+pub use signature::{PrivateKey, PublicKey, Signature, SignedFiles};
 pub use verify::Verification;

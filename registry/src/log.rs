@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::digest::Digest;
 use crate::error::{Error, Result};
+use crate::manifest::Descriptor;
 use crate::problem::{Fault, Problem};
 use crate::registry::{ModelVersion, Registry};
 
@@ -21,16 +22,20 @@ const ENTRY_LIMIT: usize = 1 << 16;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Entry {
-    /// What the log is about: an alias, `approach:champion`, or the yanking of a version, `approach@3`.
+    /// What the log is about: an alias, `approach:champion`, the yanking of a version, `approach@3`, or what is attached to it,
+    /// `approach@3/attachments`.
     pub subject: String,
     /// Number of the entry, from 1.
     pub number: u64,
     /// Digest of the entry before; none for the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub previous: Option<Digest>,
-    /// The version that the alias means from here on, or that is yanked; none if it ends.
+    /// The version that the alias means from here on, that is yanked, or to which something is attached; none if it ends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<Target>,
+    /// The blob that is attached to the version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attached: Option<Descriptor>,
     /// What the writer said about it.
     #[serde(flatten)]
     pub remark: Remark,
@@ -95,6 +100,8 @@ pub(crate) struct Log {
     pub(crate) subject: String,
     /// Folder of its entries.
     pub(crate) folder: String,
+    /// Whether each of its entries attaches a blob to a version.
+    pub(crate) attaches: bool,
 }
 
 impl Log {
@@ -117,7 +124,22 @@ impl Log {
         if entry.previous.is_some() != (number > 1) {
             return Err("each entry but the first names the digest of the one before".into());
         }
+        if entry.attached.is_some() != self.attaches || (self.attaches && entry.target.is_none()) {
+            return Err("a blob that is attached to a version belongs in a log of attachments".into());
+        }
         Ok(entry)
+    }
+
+    /// The entry after `last`, the last one and its digest, with nothing in it yet.
+    pub(crate) fn after(&self, last: Option<&(Entry, Digest)>, remark: &Remark) -> Entry {
+        Entry {
+            subject: self.subject.clone(),
+            number: last.map_or(0, |(entry, _)| entry.number) + 1,
+            previous: last.map(|&(_, digest)| digest),
+            target: None,
+            attached: None,
+            remark: remark.clone(),
+        }
     }
 }
 
@@ -151,16 +173,19 @@ impl Registry {
 
     /// All entries of `log`, from the first, with their chain verified.
     pub(crate) fn history(&self, log: &Log) -> Result<Vec<Entry>> {
+        Ok(self.chain(log)?.into_iter().map(|(entry, _)| entry).collect())
+    }
+
+    /// All entries of `log` and their digests, as [`history`](Self::history) verifies them.
+    pub(crate) fn chain(&self, log: &Log) -> Result<Vec<(Entry, Digest)>> {
         let Some((last, _)) = self.last_entry(log)? else { return Ok(Vec::new()) };
-        let mut entries: Vec<Entry> = Vec::new();
-        let mut previous = None;
+        let mut entries: Vec<(Entry, Digest)> = Vec::new();
         for number in 1..=last.number {
             let (entry, digest) = self.entry(log, number)?;
-            if let Some(fault) = broken_chain(&entry, previous) {
+            if let Some(fault) = broken_chain(&entry, entries.last().map(|&(_, digest)| digest)) {
                 return Err(log.problem(number, fault).into());
             }
-            previous = Some(digest);
-            entries.push(entry);
+            entries.push((entry, digest));
         }
         Ok(entries)
     }
@@ -186,23 +211,20 @@ impl Registry {
             if current == target {
                 return Ok(None);
             }
-            let number = last.as_ref().map_or(0, |(entry, _)| entry.number) + 1;
-            let entry = Entry {
-                subject: log.subject.clone(),
-                number,
-                previous: last.map(|(_, digest)| digest),
-                target,
-                remark: remark.clone(),
-            };
-            let bytes =
-                encode(&entry).map_err(|reason| Error::Entry { subject: log.subject.clone(), reason })?;
-            self.store.put_blob(Digest::of(&bytes), bytes.clone())?;
-            if self.store.create(&log.key(number), bytes)? {
+            let entry = Entry { target, ..log.after(last.as_ref(), remark) };
+            if self.create_entry(log, &entry)? {
                 return Ok(Some(entry));
             }
             // Another writer was first: begin again from what it wrote.
-            last = Some(self.entry(log, number)?);
+            last = Some(self.entry(log, entry.number)?);
         }
+    }
+
+    /// Writes `entry` into `log`; false if another entry has its number.
+    pub(crate) fn create_entry(&self, log: &Log, entry: &Entry) -> Result<bool> {
+        let bytes = encode(entry).map_err(|reason| Error::Entry { subject: log.subject.clone(), reason })?;
+        self.store.put_blob(Digest::of(&bytes), bytes.clone())?;
+        self.store.create(&log.key(entry.number), bytes)
     }
 }
 
@@ -235,7 +257,8 @@ mod tests {
     use crate::fixture::{Place, flip};
 
     fn log() -> Log {
-        Log { subject: "approach:champion".into(), folder: "models/approach/aliases/champion".into() }
+        let folder = "models/approach/aliases/champion".into();
+        Log { subject: "approach:champion".into(), folder, attaches: false }
     }
 
     fn target(version: u64) -> Target {

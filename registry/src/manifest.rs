@@ -40,14 +40,15 @@ pub struct Manifest {
     pub annotations: BTreeMap<String, String>,
     /// Where the model comes from.
     pub lineage: Lineage,
-    /// How good it is: name, with its unit as the last part (`position_error_mm`), and value.
+    /// How good it was when it was published: name, with its unit as the last part (`position_error_mm`), and value.
+    /// [`Registry::metrics`](crate::Registry::metrics) also knows what was measured since.
     pub metrics: BTreeMap<String, f64>,
     /// What goes in and what comes out, in the publisher's words.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub interface: BTreeMap<String, Value>,
 }
 
-/// One blob of a version.
+/// One blob of a version, or of what is attached to it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 #[non_exhaustive]
@@ -104,15 +105,15 @@ pub struct Provenance {
 }
 
 impl Descriptor {
+    /// Describes the document `content`.
+    pub(crate) fn document(media_type: &str, content: &[u8]) -> Self {
+        let (media_type, size) = (media_type.to_owned(), content.len() as u64);
+        Self { media_type, digest: Digest::of(content), size, annotations: BTreeMap::new() }
+    }
+
     /// Describes the CNCF model format's configuration, the blob `content`.
     pub(crate) fn config(content: &[u8]) -> Self {
-        let size = content.len() as u64;
-        Self {
-            media_type: CONFIG_TYPE.into(),
-            digest: Digest::of(content),
-            size,
-            annotations: BTreeMap::new(),
-        }
+        Self::document(CONFIG_TYPE, content)
     }
 
     /// Describes the checkpoint's file `path`.

@@ -1,4 +1,4 @@
-//! What is wrong with a published version, an alias or a yank: found by `verify`, and the reason why `pull` refuses.
+//! What is wrong with a published version, an alias, a yank or an attachment: found by `verify`, and the reason why `pull` refuses.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use crate::digest::{Digest, Fingerprint};
 /// One object of the registry that is not what was published.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// The version or alias that it spoils, `approach@3` or `approach:champion`; `None` where the object belongs to none.
+    /// What it spoils, `approach@3`, `approach:champion` or `approach@3/attachments`; `None` where the object belongs to none.
     pub model: Option<String>,
     /// The checkpoint's file that it spoils; `None` where it is the manifest or the configuration.
     pub file: Option<String>,

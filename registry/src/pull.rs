@@ -14,6 +14,7 @@ use crate::manifest::Descriptor;
 use crate::problem::{Fault, Problem};
 use crate::reference::ModelRef;
 use crate::registry::{ModelVersion, Registry};
+use crate::signature::PublicKey;
 use crate::store::blob_key;
 
 /// What pulling did.
@@ -41,7 +42,18 @@ impl Registry {
     /// The folder appears when all its files are verified. A folder that is there is accepted if it holds exactly the same
     /// files.
     pub fn pull(&self, reference: &ModelRef, destination: &Path) -> Result<Pulled> {
+        self.deliver_version(self.show(reference)?, destination)
+    }
+
+    /// As [`pull`](Self::pull), but nothing is written unless the owner of `key` signed the version, by a signature that is
+    /// attached to it.
+    pub fn pull_signed(&self, reference: &ModelRef, destination: &Path, key: &PublicKey) -> Result<Pulled> {
         let version = self.show(reference)?;
+        self.signature_by(&version, key)?;
+        self.deliver_version(version, destination)
+    }
+
+    fn deliver_version(&self, version: ModelVersion, destination: &Path) -> Result<Pulled> {
         if fs::symlink_metadata(destination).is_ok() {
             return accept(version, destination);
         }

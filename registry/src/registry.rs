@@ -11,7 +11,7 @@ use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::location::Location;
 use crate::log::Remark;
-use crate::manifest::Manifest;
+use crate::manifest::{Descriptor, Manifest};
 use crate::name::ModelName;
 use crate::probe::{PROBE, probe};
 use crate::problem::{Fault, Problem};
@@ -261,12 +261,38 @@ impl Registry {
             Some(_) => Ok((bytes, digest)),
         }
     }
+
+    /// The content of a small blob that `descriptor` describes, verified. `model` is what it belongs to.
+    pub(crate) fn document(&self, model: &str, descriptor: &Descriptor) -> Result<Vec<u8>> {
+        let problem = |fault| -> Error {
+            let (model, file) = (Some(model.to_owned()), descriptor.path().map(str::to_owned));
+            Problem { model, file, object: blob_key(descriptor.digest), fault }.into()
+        };
+        if descriptor.size > DOCUMENT_LIMIT {
+            let reason = format!("it would have {} bytes, more than {DOCUMENT_LIMIT}", descriptor.size);
+            return Err(problem(Fault::Malformed { reason }));
+        }
+        let mut bytes = Vec::new();
+        let found = self.store.read_blob(descriptor.digest, &mut |piece| {
+            // What is stored may be larger than what is described; it is refused below.
+            if bytes.len() as u64 <= descriptor.size {
+                bytes.extend_from_slice(piece);
+            }
+            Ok(())
+        })?;
+        Fault::of_blob(descriptor.content(), found).map_or(Ok(bytes), |fault| Err(problem(fault)))
+    }
 }
 
 /// Number in the name of a numbered manifest, `000007.json`.
 pub(crate) fn version_number(object: &str) -> Option<u64> {
-    let number = object.strip_suffix(".json")?.parse().ok()?;
-    ((1..=LAST_VERSION).contains(&number) && object == format!("{number:06}.json")).then_some(number)
+    folder_number(object.strip_suffix(".json")?)
+}
+
+/// Number in the name of a folder that belongs to one version, `000007`.
+pub(crate) fn folder_number(folder: &str) -> Option<u64> {
+    let number = folder.parse().ok()?;
+    ((1..=LAST_VERSION).contains(&number) && folder == format!("{number:06}")).then_some(number)
 }
 
 #[cfg(test)]
@@ -336,6 +362,10 @@ mod tests {
             "1234567.json",
         ] {
             assert_eq!(version_number(stray), None, "{stray}");
+        }
+        assert_eq!(folder_number("000003"), Some(3));
+        for stray in ["3", "000000", "0000003", "00003x"] {
+            assert_eq!(folder_number(stray), None, "{stray}");
         }
     }
 }

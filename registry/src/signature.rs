@@ -16,15 +16,19 @@ use p256::{SecretKey, ecdsa};
 use serde::Deserialize;
 use serde_json::json;
 
+use crate::attachment::{Attachment, SIGNATURE, of_kind};
 use crate::checkpoint;
 use crate::digest::{Digest, Hasher};
 use crate::error::{Error, Result};
-use crate::registry::ModelVersion;
+use crate::log::Entry;
+use crate::registry::{ModelVersion, Registry};
 
-const BUNDLE: &str = "application/vnd.dev.sigstore.bundle.v0.3+json";
 const PAYLOAD: &str = "application/vnd.in-toto+json";
 const STATEMENT: &str = "https://in-toto.io/Statement/v1";
 const PREDICATE: &str = "https://model_signing/signature/v1.0";
+
+/// Characters of a hint on a key that are told: SHA-256 in hexadecimal digits.
+const HINT_LENGTH: usize = 64;
 
 /// What lies in a model's folder and is no part of it: the signature, and what belongs to Git.
 const IGNORED: [&str; 5] = ["model.sig", ".git", ".gitattributes", ".github", ".gitignore"];
@@ -77,13 +81,13 @@ impl SignedFiles {
         .to_string()
     }
 
-    /// The content of a `model.sig`. The same key and files give the same bytes.
-    pub fn sign(&self, key: &PrivateKey) -> Result<String> {
+    /// Signs them. The same key and files give the same bytes.
+    pub fn sign(&self, key: &PrivateKey) -> Result<Signature> {
         let statement = self.statement();
         let signature: ecdsa::DerSignature = key.0.sign(&pre_authentication(PAYLOAD, statement.as_bytes()));
         let hint = PublicKey(*key.0.verifying_key()).hint()?;
         let bundle = json!({
-            "mediaType": BUNDLE,
+            "mediaType": SIGNATURE,
             "verificationMaterial": { "publicKey": { "hint": hint }, "tlogEntries": [] },
             "dsseEnvelope": {
                 "payload": BASE64.encode(&statement),
@@ -91,21 +95,89 @@ impl SignedFiles {
                 "signatures": [{ "sig": BASE64.encode(signature.as_bytes()), "keyid": "" }],
             },
         });
-        Ok(format!("{bundle}\n"))
+        Signature::parse(format!("{bundle}\n").as_bytes())
     }
 
-    /// Checks that `signature`, the content of a `model.sig`, was made with the key that belongs to `key`, over exactly these
-    /// files. The name may be another.
-    pub fn verify(&self, signature: &[u8], key: &PublicKey) -> Result<()> {
-        let refuse = |reason: String| Error::Signature { reason };
-        let bundle: Bundle = serde_json::from_slice(signature)
-            .map_err(|error| refuse(format!("it is no Sigstore bundle with a DSSE envelope: {error}")))?;
-        let statement = bundle.open(key).map_err(refuse)?;
-        let signed = statement.files().map_err(refuse)?;
-        match difference(&signed, &self.files) {
+    /// Checks that `signature` was made with the key that belongs to `key`, over exactly these files. The name may be another.
+    pub fn verify(&self, signature: &Signature, key: &PublicKey) -> Result<()> {
+        let refuse = |reason| Error::Signature { reason };
+        let signed = signature.bundle.open(key).and_then(|statement| statement.files()).map_err(refuse)?;
+        self.compare(&signed)
+    }
+
+    /// Checks that `signature` is over exactly these files, whoever made it.
+    pub(crate) fn are_named_by(&self, signature: &Signature) -> Result<()> {
+        let refuse = |reason| Error::Signature { reason };
+        let payload = signature.bundle.payload().map_err(refuse)?;
+        self.compare(&Statement::parse(&payload).and_then(|statement| statement.files()).map_err(refuse)?)
+    }
+
+    fn compare(&self, signed: &BTreeMap<String, Digest>) -> Result<()> {
+        match difference(signed, &self.files) {
             None => Ok(()),
-            Some(difference) => Err(refuse(format!("the key signed other files: {difference}"))),
+            Some(difference) => {
+                Err(Error::Signature { reason: format!("other files were signed: {difference}") })
+            }
         }
+    }
+}
+
+/// A signature of a model, the content of a `model.sig`: read, but believed by nobody before it is verified.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Signature {
+    text: String,
+    bundle: Bundle,
+}
+
+impl Signature {
+    /// Reads a Sigstore bundle.
+    pub fn parse(bytes: &[u8]) -> Result<Self> {
+        let bundle = serde_json::from_slice(bytes).map_err(|error| Error::Signature {
+            reason: format!("it is no Sigstore bundle with a DSSE envelope: {error}"),
+        })?;
+        // JSON is UTF-8.
+        Ok(Self { text: String::from_utf8_lossy(bytes).into_owned(), bundle })
+    }
+
+    /// The bundle, byte for byte.
+    pub fn as_str(&self) -> &str {
+        &self.text
+    }
+
+    /// By which it says what key it is for, usually the SHA-256 of the public key's PEM. Anybody can write anything there: what
+    /// would steer a terminal is left out.
+    pub fn key_hint(&self) -> Option<String> {
+        let key = self.bundle.verification_material.public_key.as_ref();
+        key.map(|key| key.hint.chars().filter(|c| !c.is_control()).take(HINT_LENGTH).collect())
+    }
+}
+
+impl Registry {
+    /// The entry that attaches a signature of `version` by the owner of `key`; [`Error::Unsigned`] if there is none that holds.
+    pub fn signature_by(&self, version: &ModelVersion, key: &PublicKey) -> Result<Entry> {
+        let files = SignedFiles::of_version(version);
+        let hint = key.hint()?;
+        let mut found = Vec::new();
+        for entry in of_kind(&self.attachments(version)?, SIGNATURE) {
+            // What is wrong with one signature does not count against another.
+            let number = entry.number;
+            found.push(match self.attachment(version, entry) {
+                Ok(Some(Attachment::Signature(signature))) => match files.verify(&signature, key) {
+                    Ok(()) => return Ok(entry.clone()),
+                    Err(error) => match signature.key_hint().filter(|other| *other != hint) {
+                        Some(other) => format!("attachment {number} is by {other}"),
+                        None => format!("attachment {number}: {error}"),
+                    },
+                },
+                Ok(_) => continue,
+                Err(error) => format!("attachment {number}: {error}"),
+            });
+        }
+        let reason = match found.len() {
+            0 => "no signature is attached; `model sign` attaches one".to_owned(),
+            count => format!("of {count} signatures none is by {hint}; {}", found.join("; ")),
+        };
+        Err(Error::Unsigned { model: version.to_string(), reason })
     }
 }
 
@@ -176,14 +248,27 @@ impl PublicKey {
 }
 
 /// A Sigstore bundle, as far as it matters here.
-#[derive(Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Bundle {
     media_type: String,
+    #[serde(default)]
+    verification_material: Material,
     dsse_envelope: Envelope,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Material {
+    public_key: Option<KeyHint>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+struct KeyHint {
+    hint: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Envelope {
     payload: String,
@@ -191,33 +276,36 @@ struct Envelope {
     signatures: Vec<EnvelopeSignature>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 struct EnvelopeSignature {
     sig: String,
 }
 
 impl Bundle {
+    /// What is signed.
+    fn payload(&self) -> std::result::Result<Vec<u8>, String> {
+        expect("mediaType", &self.media_type, SIGNATURE)?;
+        let Envelope { payload, payload_type, .. } = &self.dsse_envelope;
+        expect("payloadType", payload_type, PAYLOAD)?;
+        BASE64.decode(payload).map_err(|error| format!("its payload is not base64: {error}"))
+    }
+
     /// The statement, if one of the signatures is of this key.
     fn open(&self, key: &PublicKey) -> std::result::Result<Statement, String> {
-        expect("mediaType", &self.media_type, BUNDLE)?;
-        let Envelope { payload, payload_type, signatures } = &self.dsse_envelope;
-        expect("payloadType", payload_type, PAYLOAD)?;
-        let payload =
-            BASE64.decode(payload).map_err(|error| format!("its payload is not base64: {error}"))?;
+        let payload = self.payload()?;
         let signed = pre_authentication(PAYLOAD, &payload);
         let holds = |signature: &EnvelopeSignature| {
             let der = BASE64.decode(&signature.sig).ok()?;
             let signature = ecdsa::Signature::from_der(&der).ok()?;
             key.0.verify(&signed, &signature).ok()
         };
-        if !signatures.iter().any(|signature| holds(signature).is_some()) {
+        if !self.dsse_envelope.signatures.iter().any(|signature| holds(signature).is_some()) {
             return Err(
                 "it was not made with the key that belongs to this public key, or was changed since".into()
             );
         }
         // Only now is it worth reading.
-        serde_json::from_slice(&payload)
-            .map_err(|error| format!("what was signed is no statement on a model: {error}"))
+        Statement::parse(&payload)
     }
 }
 
@@ -256,6 +344,11 @@ struct Resource {
 }
 
 impl Statement {
+    fn parse(payload: &[u8]) -> std::result::Result<Self, String> {
+        serde_json::from_slice(payload)
+            .map_err(|error| format!("what was signed is no statement on a model: {error}"))
+    }
+
     /// The files that were signed.
     fn files(&self) -> std::result::Result<BTreeMap<String, Digest>, String> {
         expect("_type", &self.kind, STATEMENT)?;
@@ -292,7 +385,8 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use crate::fixture::Place;
+    use crate::fixture::{self, Place};
+    use crate::log::Remark;
 
     fn bytes(hex: &str) -> Vec<u8> {
         (0..hex.len()).step_by(2).map(|i| u8::from_str_radix(&hex[i..i + 2], 16).unwrap()).collect()
@@ -308,7 +402,7 @@ mod tests {
         PublicKey::from_pem(&key().public_pem().unwrap()).unwrap()
     }
 
-    fn signed(place: &Place) -> (SignedFiles, String) {
+    fn signed(place: &Place) -> (SignedFiles, Signature) {
         let files = SignedFiles::in_folder(&place.checkpoint("approach", b"abc")).unwrap();
         let signature = files.sign(&key()).unwrap();
         (files, signature)
@@ -333,7 +427,7 @@ mod tests {
     #[test]
     fn has_the_shape_of_oms() {
         let place = Place::local();
-        let bundle: Value = serde_json::from_str(&signed(&place).1).unwrap();
+        let bundle: Value = serde_json::from_str(signed(&place).1.as_str()).unwrap();
         assert_eq!(bundle["mediaType"], "application/vnd.dev.sigstore.bundle.v0.3+json");
         let payload = BASE64.decode(bundle["dsseEnvelope"]["payload"].as_str().unwrap()).unwrap();
         let statement: Value = serde_json::from_slice(&payload).unwrap();
@@ -350,14 +444,14 @@ mod tests {
     fn holds_for_the_folder_and_for_the_version_and_for_nothing_else() {
         let place = Place::local();
         let (files, signature) = signed(&place);
-        let verify = |files: &SignedFiles| files.verify(signature.as_bytes(), &public());
+        let verify = |files: &SignedFiles| files.verify(&signature, &public());
         verify(&files).unwrap();
         let version = place.publish(&place.registry(), "other", b"abc");
         verify(&SignedFiles::of_version(&version)).unwrap();
 
         let folder = place.path("approach");
         let again = || SignedFiles::in_folder(&folder).unwrap();
-        fs::write(folder.join("model.sig"), &signature).unwrap();
+        fs::write(folder.join("model.sig"), signature.as_str()).unwrap();
         fs::create_dir(folder.join(".git")).unwrap();
         fs::write(folder.join(".git/a b"), "").unwrap();
         verify(&again()).unwrap();
@@ -374,19 +468,20 @@ mod tests {
     fn every_changed_byte_of_what_was_signed_is_found() {
         let place = Place::local();
         let (files, signature) = signed(&place);
-        let mut bundle: Value = serde_json::from_str(&signature).unwrap();
+        let mut bundle: Value = serde_json::from_str(signature.as_str()).unwrap();
         let payload = BASE64.decode(bundle["dsseEnvelope"]["payload"].as_str().unwrap()).unwrap();
         for position in (0..payload.len()).step_by(7) {
             let mut changed = payload.clone();
             changed[position] ^= 1;
             bundle["dsseEnvelope"]["payload"] = BASE64.encode(changed).into();
-            let refusal = files.verify(bundle.to_string().as_bytes(), &public()).unwrap_err().to_string();
+            let changed = Signature::parse(bundle.to_string().as_bytes()).unwrap();
+            let refusal = files.verify(&changed, &public()).unwrap_err().to_string();
             assert!(refusal.contains("was not made with the key"), "{refusal}");
         }
         let other = PrivateKey(ecdsa::SigningKey::from_slice(&[7; 32]).unwrap());
         let other = PublicKey::from_pem(&other.public_pem().unwrap()).unwrap();
-        assert!(files.verify(signature.as_bytes(), &other).is_err());
-        assert!(files.verify(b"{}", &public()).unwrap_err().to_string().contains("no Sigstore bundle"));
+        assert!(files.verify(&signature, &other).is_err());
+        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("no Sigstore bundle"));
     }
 
     #[test]
@@ -396,5 +491,78 @@ mod tests {
             assert!(refusal.contains("P-256"), "{refusal}");
             assert!(PublicKey::from_pem(text).unwrap_err().to_string().contains("-pubout"));
         }
+    }
+
+    /// One signature that holds is enough, whatever else is attached.
+    #[test]
+    fn a_version_is_signed_by_whose_signature_is_attached() {
+        for place in Place::all() {
+            let registry = place.registry();
+            let version = place.publish(&registry, "approach", b"abc");
+            let (ours, theirs) = (fixture::key(1), fixture::key(2));
+            let public = |key: &PrivateKey| PublicKey::from_pem(&key.public_pem().unwrap()).unwrap();
+            let reference = "approach@1".parse().unwrap();
+            let pull = |key| registry.pull_signed(&reference, &place.path("pulled"), &public(key));
+            let none = pull(&ours).unwrap_err().to_string();
+            assert!(none.contains("no signature is attached"), "{none}");
+
+            let attach = |key: &PrivateKey| {
+                let signature = SignedFiles::of_version(&version).sign(key).unwrap();
+                registry.attach(&version, &Attachment::Signature(signature), &Remark::default()).unwrap()
+            };
+            attach(&theirs);
+            let other = pull(&ours).unwrap_err().to_string();
+            let (own, hint) = (public(&ours).hint().unwrap(), public(&theirs).hint().unwrap());
+            assert!(
+                other.contains(&format!("of 1 signatures none is by {own}; attachment 1 is by {hint}")),
+                "{other}"
+            );
+            assert!(!place.path("pulled").exists(), "refused before a byte is delivered");
+            attach(&ours);
+            assert_eq!(registry.signature_by(&version, &public(&ours)).unwrap().number, 2);
+            assert!(
+                matches!(attach(&ours), crate::Attached::AlreadyThere(_)),
+                "signed twice, the same bytes"
+            );
+            pull(&ours).unwrap();
+            assert_eq!(fs::read(place.path("pulled/weights.safetensors")).unwrap(), b"abc");
+            pull(&theirs).unwrap();
+            assert!(pull(&fixture::key(3)).is_err());
+        }
+    }
+
+    /// Who can write into the registry can attach anything, but sign nothing.
+    #[test]
+    fn what_only_looks_signed_is_told() {
+        let place = Place::local();
+        let registry = place.registry();
+        let version = place.publish(&registry, "approach", b"abc");
+        let signature = SignedFiles::of_version(&version).sign(&key()).unwrap();
+        // Of the right files and with the right hint, but by another key.
+        let forged = SignedFiles::of_version(&version).sign(&fixture::key(1)).unwrap();
+        let mut bundle: Value = serde_json::from_str(forged.as_str()).unwrap();
+        bundle["verificationMaterial"]["publicKey"]["hint"] = signature.key_hint().unwrap().into();
+        let forged = Signature::parse(bundle.to_string().as_bytes()).unwrap();
+        registry.attach(&version, &Attachment::Signature(forged), &Remark::default()).unwrap();
+        let refusal = registry.signature_by(&version, &public()).unwrap_err().to_string();
+        assert!(
+            refusal.contains("attachment 1: ") && refusal.contains("was not made with the key"),
+            "{refusal}"
+        );
+        // A damaged one in front does not hide the one that holds.
+        let damaged = registry.attachments(&version).unwrap()[0].attached.clone().unwrap();
+        crate::fixture::flip(&place.path("registry"), &crate::store::blob_key(damaged.digest));
+        assert!(registry.signature_by(&version, &public()).is_err());
+        registry.attach(&version, &Attachment::Signature(signature), &Remark::default()).unwrap();
+        assert_eq!(registry.signature_by(&version, &public()).unwrap().number, 2);
+    }
+
+    #[test]
+    fn a_hint_does_not_steer_the_terminal() {
+        let place = Place::local();
+        let mut bundle: Value = serde_json::from_str(signed(&place).1.as_str()).unwrap();
+        bundle["verificationMaterial"]["publicKey"]["hint"] = format!("\u{1b}[2J{}", "x".repeat(99)).into();
+        let hint = Signature::parse(bundle.to_string().as_bytes()).unwrap().key_hint().unwrap();
+        assert_eq!(hint, format!("[2J{}", "x".repeat(61)));
     }
 }

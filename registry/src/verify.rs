@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::alias::{AliasName, alias_log, aliases_key};
+use crate::attachment::{attachment_log, attachments_key};
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
 use crate::log::{Entry, Log, broken_chain, entry_number};
@@ -12,9 +13,9 @@ use crate::manifest::Descriptor;
 use crate::name::ModelName;
 use crate::problem::{Fault, Problem};
 use crate::reference::ModelRef;
-use crate::registry::{Registry, version_number};
+use crate::registry::{Registry, folder_number, version_number};
 use crate::store::{MODELS, blob_key, version_key, versions_key};
-use crate::yank::{yank_log, yanked_number, yanks_key};
+use crate::yank::{yank_log, yanks_key};
 
 /// What verification found.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -24,22 +25,24 @@ pub struct Verification {
     pub versions: usize,
     /// How many different blobs of theirs were read.
     pub blobs: usize,
-    /// How many entries about aliases and yanked versions were verified.
+    /// How many entries about aliases, yanked versions and attachments were verified.
     pub entries: usize,
     /// What is wrong, by model, version and file; empty if all is well.
     pub problems: Vec<Problem>,
 }
 
 impl Registry {
-    /// Reads every byte of the version that `reference` names, or of all versions, their aliases and yanks, and says what is not
-    /// as published. A number that is missing below the newest is a problem too: versions and entries are never removed.
+    /// Reads every byte of the version that `reference` names and of what is attached to it, or of all versions, their
+    /// attachments, aliases and yanks, and says what is not as published. A number that is missing below the newest is a problem too: versions and entries are never removed.
     ///
     /// Blobs that no version names are no problem: an interrupted publication leaves them.
     pub fn verify(&self, reference: Option<&ModelRef>) -> Result<Verification> {
         let mut run = Run { registry: self, stored: BTreeMap::new(), result: Verification::default() };
         match reference {
             Some(reference) => {
-                run.version(&reference.name, self.find(reference)?);
+                let (name, number) = (&reference.name, self.find(reference)?);
+                let own = [(number, run.version(name, number))].into();
+                run.log(&attachment_log(name, number), &own)?;
             }
             None => run.everything()?,
         }
@@ -95,7 +98,8 @@ impl Run<'_> {
         let newest = objects.iter().filter_map(|object| version_number(object)).max().unwrap_or(0);
         let versions = (1..=newest).map(|number| (number, self.version(name, number))).collect();
         self.aliases(name, &versions)?;
-        self.yanks(name, &versions)
+        self.of_versions(&yanks_key(name), &|number| yank_log(name, number), &versions)?;
+        self.of_versions(&attachments_key(name), &|number| attachment_log(name, number), &versions)
     }
 
     fn aliases(&mut self, name: &ModelName, versions: &Versions) -> Result<()> {
@@ -108,15 +112,16 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn yanks(&mut self, name: &ModelName, versions: &Versions) -> Result<()> {
-        for folder in self.folders(&yanks_key(name))? {
-            match yanked_number(&folder) {
+    /// Verifies the logs in the folder `key`, each of which is about one version.
+    fn of_versions(&mut self, key: &str, log: &dyn Fn(u64) -> Log, versions: &Versions) -> Result<()> {
+        for folder in self.folders(key)? {
+            match folder_number(&folder) {
                 Some(number) => {
                     // The only version that these entries can mean.
                     let own = versions.range(number..=number).map(|(&n, &digest)| (n, digest)).collect();
-                    self.log(&yank_log(name, number), &own)?;
+                    self.log(&log(number), &own)?;
                 }
-                None => self.stray(format!("{}/{folder}", yanks_key(name))),
+                None => self.stray(format!("{key}/{folder}")),
             }
         }
         Ok(())
@@ -131,7 +136,8 @@ impl Run<'_> {
         Ok(listing.folders)
     }
 
-    /// Verifies all entries of a log: that they are what was written, follow each other, and mean some of `versions`.
+    /// Verifies all entries of a log: that they are what was written, follow each other, and mean some of `versions`; and the
+    /// blobs that they attach.
     fn log(&mut self, log: &Log, versions: &Versions) -> Result<()> {
         let objects = self.registry.store.list(&log.folder)?.objects;
         for object in objects.iter().filter(|object| entry_number(object).is_none()) {
@@ -144,6 +150,9 @@ impl Run<'_> {
             self.result.entries += 1;
             let fault = match self.registry.entry(log, number) {
                 Ok((entry, digest)) => {
+                    if let Some(attached) = &entry.attached {
+                        self.blob(&log.subject, attached);
+                    }
                     let broken = previous.and_then(|previous| broken_chain(&entry, previous));
                     previous = Some(Some(digest));
                     broken.or_else(|| misled(&entry, versions))

@@ -6,8 +6,8 @@
 use crate::error::Result;
 use crate::log::{Entry, Expect, Log, Remark};
 use crate::name::ModelName;
-use crate::registry::{ModelVersion, Registry};
-use crate::store::{LAST_VERSION, MODELS};
+use crate::registry::{ModelVersion, Registry, folder_number};
+use crate::store::MODELS;
 
 /// Folder of the yanked versions of `name`.
 pub(crate) fn yanks_key(name: &ModelName) -> String {
@@ -16,13 +16,8 @@ pub(crate) fn yanks_key(name: &ModelName) -> String {
 
 /// The log of the yanking of version `number` of `name`.
 pub(crate) fn yank_log(name: &ModelName, number: u64) -> Log {
-    Log { subject: format!("{name}@{number}"), folder: format!("{}/{number:06}", yanks_key(name)) }
-}
-
-/// Number in the name of a yanked version's folder, `000003`.
-pub(crate) fn yanked_number(folder: &str) -> Option<u64> {
-    let number = folder.parse().ok()?;
-    ((1..=LAST_VERSION).contains(&number) && folder == format!("{number:06}")).then_some(number)
+    let (subject, folder) = (format!("{name}@{number}"), format!("{}/{number:06}", yanks_key(name)));
+    Log { subject, folder, attaches: false }
 }
 
 impl Registry {
@@ -52,7 +47,7 @@ impl Registry {
     pub(crate) fn yanked_versions(&self, name: &ModelName) -> Result<Vec<u64>> {
         let mut yanked = Vec::new();
         let folders = self.store.list(&yanks_key(name))?.folders;
-        for number in folders.iter().filter_map(|folder| yanked_number(folder)) {
+        for number in folders.iter().filter_map(|folder| folder_number(folder)) {
             if self.yanked(name, number)?.is_some() {
                 yanked.push(number);
             }
@@ -111,13 +106,5 @@ mod tests {
         let checkpoint = place.checkpoint("checkpoint", b"one");
         let again = registry.publish(&version.name, &checkpoint, Provenance::default()).unwrap();
         assert_eq!(again.version().yanked, Some(Remark::default()));
-    }
-
-    #[test]
-    fn folders_of_yanked_versions() {
-        assert_eq!(yanked_number("000003"), Some(3));
-        for stray in ["3", "000000", "+00003", "x", "0000003"] {
-            assert_eq!(yanked_number(stray), None, "{stray}");
-        }
     }
 }

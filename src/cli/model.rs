@@ -45,7 +45,7 @@ pub(crate) struct Yank {
 }
 
 /// What is written into the registry's log with a change.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub(crate) struct RemarkArgs {
     /// Why: kept in the registry.
     #[arg(long, value_name = "TEXT")]

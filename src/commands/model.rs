@@ -1,6 +1,9 @@
 //! `flowservo model`: the registry of versioned checkpoints.
 
-use super::{model_alias, model_diff, model_export, model_gc, print_json, provenance};
+use super::{
+    model_alias, model_attach, model_diff, model_export, model_gc, model_show, model_sign, print_json,
+    provenance,
+};
 use crate::cli;
 use crate::config::bad_input;
 use crate::output::{note, out};
@@ -26,24 +29,24 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             print_json(json, &models)
         }
-        cli::Model::Show { model, registry } => {
-            let version = Registry::open(&registry.registry)?.show(&reference(model)?)?;
-            warn(&version);
-            show(&version);
-            print_json(json, &version)
-        }
-        cli::Model::Pull { model, out, registry } => {
-            let pulled = Registry::open(&registry.registry)?.pull(&reference(model)?, out)?;
+        cli::Model::Show { model, registry } => model_show::run(model, &registry.registry, json),
+        cli::Model::Pull { model, out, public_key, registry } => {
+            let (opened, reference) = (Registry::open(&registry.registry)?, reference(model)?);
+            let pulled = match public_key {
+                None => opened.pull(&reference, out)?,
+                Some(key) => opened.pull_signed(&reference, out, &model_sign::read_public_key(key)?)?,
+            };
             warn(pulled.version());
+            let signed = if public_key.is_some() { "; the signature holds" } else { "" };
             let ModelVersion { name, version, .. } = pulled.version();
             match &pulled {
-                Pulled::New(_) => out!("{}: {name}@{version}, every digest checked", out.display()),
-                Pulled::AlreadyThere(_) => out!("{} held {name}@{version} already", out.display()),
+                Pulled::New(_) => out!("{}: {name}@{version}, every digest checked{signed}", out.display()),
+                Pulled::AlreadyThere(_) => out!("{} held {name}@{version} already{signed}", out.display()),
             }
             print_json(json, pulled.version())
         }
         cli::Model::Verify { model: Some(model), public_key: Some(key), signature, registry } => {
-            model_export::verify(model, key, signature, &registry.registry, json)
+            model_sign::verify(model, key, signature.as_deref(), &registry.registry, json)
         }
         cli::Model::Verify { model, registry, .. } => verify(model.as_deref(), &registry.registry, json),
         cli::Model::Alias(arguments) => model_alias::alias(arguments, json),
@@ -72,7 +75,7 @@ fn verify(model: Option<&str>, location: &Location, json: bool) -> Result<()> {
     }
     let Verification { versions, blobs, entries, problems, .. } = &found;
     out!(
-        "{versions} versions, {blobs} files read, {entries} entries of aliases and yanks, {} problems",
+        "{versions} versions, {blobs} files read, {entries} entries of aliases, yanks and attachments, {} problems",
         problems.len()
     );
     print_json(json, &found)?;
@@ -104,7 +107,7 @@ pub(crate) fn reference(text: &str) -> Result<ModelRef> {
     text.parse().map_err(bad_input)
 }
 
-/// Publishes a checkpoint as the next version of a name, and says so.
+/// Publishes a checkpoint as the next version of a name, and says so. If the version is there, the evaluation is attached to it.
 pub(crate) fn publish(
     registry: &Registry,
     checkpoint: &Path,
@@ -112,7 +115,11 @@ pub(crate) fn publish(
     evaluation: Option<&Path>,
 ) -> Result<Published> {
     let name: ModelName = name.parse().map_err(bad_input)?;
-    let provenance = provenance::of(checkpoint, evaluation)?;
+    let mut provenance = provenance::of(checkpoint)?;
+    let evaluation = evaluation.map(|folder| model_attach::evaluation_of(checkpoint, folder)).transpose()?;
+    if let Some(evaluation) = &evaluation {
+        provenance.metrics.extend(evaluation.metrics.clone());
+    }
     let published = registry.publish(&name, checkpoint, provenance)?;
     warn(published.version());
     let ModelVersion { name, version, .. } = published.version();
@@ -120,6 +127,9 @@ pub(crate) fn publish(
         Published::New(_) => out!("published {name}@{version}"),
         Published::AlreadyThere(_) => {
             out!("{name}@{version} has this content already; nothing was published");
+            if let Some(evaluation) = evaluation {
+                model_attach::attach_news(registry, published.version(), evaluation)?;
+            }
         }
     }
     Ok(published)
@@ -179,21 +189,4 @@ fn list(model: &Model) {
     let versions = versions.iter().map(version).collect::<Vec<_>>().join(", ");
     let aliases = aliases.iter().map(|(alias, number)| format!("; {alias} is {number}")).collect::<Vec<_>>();
     out!("{name}  versions {versions}{}", aliases.concat());
-}
-
-fn show(version: &ModelVersion) {
-    let ModelVersion { name, version: number, digest, manifest, .. } = version;
-    out!("{name}@{number}  {digest}");
-    for layer in &manifest.layers {
-        out!("  {:32} {:>12} bytes  {}", layer.path().unwrap_or("?"), layer.size, layer.digest);
-    }
-    for (dataset, digest) in &manifest.lineage.datasets {
-        out!("  trained on {dataset}  {digest}");
-    }
-    if let Some(parent) = &manifest.lineage.parent {
-        out!("  begun from {parent}");
-    }
-    for (metric, value) in &manifest.metrics {
-        out!("  {metric} = {value:.4}");
-    }
 }

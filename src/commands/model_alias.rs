@@ -108,7 +108,8 @@ fn expect(arguments: &AliasArgs) -> Result<Expect> {
     }
 }
 
-fn remark(arguments: &RemarkArgs) -> Remark {
+/// What is written into the registry with a change, now.
+pub(crate) fn remark(arguments: &RemarkArgs) -> Remark {
     Remark {
         who: arguments.by.clone(),
         reason: arguments.reason.clone(),

@@ -1,10 +1,7 @@
 //! What a checkpoint is published with: where it comes from, how good it is, what goes in and comes out.
 
-use super::eval;
-use crate::config::bad_input;
-use ::eval::config::EvalConfig;
-use ::eval::measures::{self, System};
-use anyhow::{Context, Result, anyhow};
+use crate::clock;
+use anyhow::{Context, Result};
 use registry::{Digest, Lineage, Provenance};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,14 +10,11 @@ use train::config::Task;
 use train::description::Description;
 use train::metric::Metrics;
 
-/// Of a checkpoint, with Table 1's figures if servo sessions of it lie in the folder `evaluation`.
-pub(crate) fn of(checkpoint: &Path, evaluation: Option<&Path>) -> Result<Provenance> {
+/// Of a checkpoint that is published now.
+pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {
     let info = ModelInfo::read(checkpoint)
         .with_context(|| format!("{} is not the folder of a checkpoint", checkpoint.display()))?;
-    let mut metrics = info.epoch.as_ref().map(|epoch| validation(&epoch.validation)).unwrap_or_default();
-    if let Some(evaluation) = evaluation {
-        metrics.extend(table1(&info, evaluation).map_err(bad_input)?);
-    }
+    let metrics = info.epoch.as_ref().map(|epoch| validation(&epoch.validation)).unwrap_or_default();
     let serde_json::Value::Object(described) = serde_json::to_value(Description::complete(checkpoint)?)?
     else {
         unreachable!("a structure with named fields")
@@ -37,7 +31,8 @@ pub(crate) fn of(checkpoint: &Path, evaluation: Option<&Path>) -> Result<Provena
     interface.insert("purpose".to_owned(), purpose.into());
     let weights = format!("sha256:{}", info.weights_sha256).parse()?;
     let expected = BTreeMap::from([(WEIGHTS.to_owned(), weights)]);
-    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created: None, expected })
+    let created = Some(clock::rfc3339(clock::now()));
+    Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created, expected })
 }
 
 fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {
@@ -75,27 +70,4 @@ fn validation(metrics: &Metrics) -> BTreeMap<String, f64> {
         ],
     };
     named.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
-}
-
-/// Table 1's figures under `table1_`, computed from the sessions anew. Times are left out: they belong to a machine.
-fn table1(info: &ModelInfo, evaluation: &Path) -> Result<BTreeMap<String, f64>> {
-    let path = evaluation.join("config.toml");
-    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-    let config: EvalConfig = toml::from_str(&text).with_context(|| path.display().to_string())?;
-    let (role, used) = match info.task {
-        Task::Approach { .. } => ("approach", config.policies.approach),
-        Task::Avoidance { .. } => ("avoid", config.policies.avoid),
-    };
-    let same = ModelInfo::read(Path::new(&used)).is_ok_and(|used| used.weights_sha256 == info.weights_sha256);
-    if !same {
-        let place = path.display();
-        return Err(anyhow!(
-            "the sessions are not of this checkpoint: {place} has policies.{role} = \"{used}\", which is not there or has \
-             other weights"
-        ));
-    }
-    let records = eval::read(evaluation)?;
-    let figures = measures::to_json(&System::of("flowservo", &records));
-    let numbers = figures.as_object().into_iter().flatten();
-    Ok(numbers.filter_map(|(key, value)| Some((format!("table1_{key}"), value.as_f64()?))).collect())
 }

@@ -4,7 +4,7 @@
 //! runs/quick/config.toml               what was run, complete
 //! runs/quick/datasets/a-1f3c9a2b/      datasets
 //! runs/quick/training/approach-.../    networks
-//! runs/quick/registry/                 the trained networks, as published versions
+//! runs/quick/registry/                 the trained networks, as published versions with Table 1's figures
 //! runs/quick/evaluation/plain-.../     servo sessions, step by step
 //! runs/quick/table1.{txt,md,csv,json}  Table 1
 //! runs/quick/results.json              what every stage says with --json
@@ -16,8 +16,8 @@
 
 use super::dataset::Generated;
 use super::train::Trained;
-use super::{dataset, eval, model, print_json, report, train, write_file};
-use crate::cli;
+use super::{dataset, eval, model, model_attach, print_json, report, train, write_file};
+use crate::cli::{self, RemarkArgs};
 use crate::config::{Config, bad_input};
 use crate::device::{self, Opened};
 use crate::output::{note, out};
@@ -30,9 +30,9 @@ use ::eval::trace::SessionRecord;
 use ::train::config::TrainConfig;
 use anyhow::{Context, Result, anyhow};
 use datagen::DatasetConfig;
-use registry::{Digest, Location, Registry};
+use registry::{Attachment, Digest, Location, ModelVersion, Registry};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -183,10 +183,22 @@ impl Reproduction<'_> {
         for (name, config) in &training {
             trained.insert(name.clone(), self.network(name, config, &folders)?);
         }
-        let published = self.publish(&trained)?;
-        let mut evaluated = Vec::new();
+        let location = Location::from(&self.out.join("registry"));
+        let registry = Registry::init(&location)?;
+        let published = publish(&registry, &location, &trained)?;
+        let (mut evaluated, mut judged) = (Vec::new(), BTreeSet::new());
         for system in &systems {
-            evaluated.push(self.system(system, &published)?);
+            let (folder, measured) = self.system(system, &published)?;
+            evaluated.push(measured);
+            // What several systems share is judged by the first of them.
+            for network in [&system.approach, &system.avoid] {
+                if let Some((version, checkpoint)) = published.get(network)
+                    && judged.insert(network)
+                {
+                    let figures = Attachment::Evaluation(model_attach::evaluation_of(checkpoint, &folder)?);
+                    model_attach::attach(&registry, version, &figures, &RemarkArgs::default())?;
+                }
+            }
         }
         Ok(Reproduced {
             config: self.config.clone(),
@@ -255,26 +267,14 @@ impl Reproduction<'_> {
         Ok((folder, trained))
     }
 
-    /// Publishes the networks into the run's own registry; the folders from which they are used by name.
-    fn publish(&self, trained: &BTreeMap<String, (PathBuf, Trained)>) -> Result<BTreeMap<String, PathBuf>> {
-        let location = Location::from(&self.out.join("registry"));
-        let registry = Registry::init(&location)?;
-        let mut published = BTreeMap::new();
-        for (name, (_, trained)) in trained {
-            let version = model::publish(&registry, &trained.checkpoint, name, None)?;
-            let reference = format!("{name}@{}", version.version().version);
-            published.insert(name.clone(), model::checkpoint(&reference, &location)?);
-        }
-        Ok(published)
-    }
-
+    /// The servo sessions of a system, and the folder in which they lie.
     fn system(
         &mut self,
         system: &SystemConfig,
-        published: &BTreeMap<String, PathBuf>,
-    ) -> Result<(System, Vec<SessionRecord>)> {
+        published: &BTreeMap<String, (ModelVersion, PathBuf)>,
+    ) -> Result<(PathBuf, (System, Vec<SessionRecord>))> {
         let place = |policy: &String| {
-            published.get(policy).map_or(policy.clone(), |folder| folder.display().to_string())
+            published.get(policy).map_or(policy.clone(), |(_, folder)| folder.display().to_string())
         };
         let mut config = self.config.evaluation.clone();
         config.policies.approach = place(&system.approach);
@@ -297,8 +297,23 @@ impl Reproduction<'_> {
             world::units::to_deg(accuracy.orientation_norm())
         );
         self.done(format!("sessions {}", system.name), seconds, result);
-        Ok((measured, records))
+        Ok((folder, (measured, records)))
     }
+}
+
+/// Publishes the networks into the run's own registry; the versions, and the folders from which they are used, by name.
+fn publish(
+    registry: &Registry,
+    location: &Location,
+    trained: &BTreeMap<String, (PathBuf, Trained)>,
+) -> Result<BTreeMap<String, (ModelVersion, PathBuf)>> {
+    let mut published = BTreeMap::new();
+    for (name, (_, trained)) in trained {
+        let version = model::publish(registry, &trained.checkpoint, name, None)?.version().clone();
+        let folder = model::checkpoint(&version.to_string(), location)?;
+        published.insert(name.clone(), (version, folder));
+    }
+    Ok(published)
 }
 
 #[cfg(test)]

@@ -69,11 +69,15 @@ quietly openssl pkcs8 -topk8 -nocrypt -in key.pem -out key8.pem
 theirs() { "$python" -m model_signing "$@"; }
 refused() { if "$@" >errors 2>&1; then echo "not refused: $*" >&2; exit 1; fi; }
 flowservo model sign plain@1 --key key.pem --out ours.sig
+flowservo model verify plain@1 --public-key pub.pem
 flowservo model sign plain@1 --key key8.pem --out ours8.sig
 cmp ours.sig ours8.sig
 quietly theirs verify key pulled/plain --signature ours.sig --public_key pub.pem
 quietly theirs sign key pulled/plain --signature theirs.sig --private_key key.pem
 flowservo model verify plain@1 --public-key pub.pem --signature theirs.sig
+flowservo model publish pulled/plain theirs
+flowservo model attach theirs@1 --signature theirs.sig
+flowservo model pull theirs@1 --public-key pub.pem --out pulled-theirs
 flowservo model verify pulled/plain --public-key pub.pem --signature theirs.sig
 refused "$program" model verify definet@1 --public-key pub.pem --signature theirs.sig
 echo "# changed" >>pulled/plain/config.toml

@@ -1,0 +1,116 @@
+//! `flowservo model sign` and `verify --public-key`: who vouches for a model.
+
+use super::model_attach::{attach, read_signature};
+use super::{model, print_json};
+use crate::cli::RemarkArgs;
+use crate::config::bad_input;
+use crate::output::out;
+use anyhow::{Context, Result, anyhow, bail};
+use registry::{
+    Attached, Attachment, Location, ModelVersion, PrivateKey, PublicKey, Registry, Signature, SignedFiles,
+};
+use serde_json::json;
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+/// A signature's file, where none is named.
+const FILE: &str = "model.sig";
+
+/// Signs a version, to which the signature is attached, or a model's folder, and writes a file where one is wanted.
+pub(crate) fn sign(
+    model: &str,
+    key: &Path,
+    out: Option<&Path>,
+    registry: &Location,
+    json: bool,
+) -> Result<()> {
+    let pem = read_key(key)?;
+    let key = PrivateKey::from_pem(&pem).with_context(|| key.display().to_string()).map_err(bad_input)?;
+    let folder = Path::new(model);
+    if folder.is_dir() {
+        let out = out.unwrap_or(Path::new(FILE));
+        let files = SignedFiles::in_folder(folder)?;
+        write(out, &files.sign(&key)?)?;
+        out!("{}: signed {} files of {}", out.display(), files.files.len(), files.name);
+        return print_json(json, &json!({ "signature": out, "files": files.files }));
+    }
+    let (registry, version) = whole(model, registry)?;
+    let files = SignedFiles::of_version(&version);
+    let signature = files.sign(&key)?;
+    if let Some(out) = out {
+        write(out, &signature)?;
+        out!("{}: signed {} files of {version}", out.display(), files.files.len());
+    }
+    let attachment = Attachment::Signature(signature);
+    let attached = attach(&registry, &version, &attachment, &RemarkArgs::default())?;
+    let changed = matches!(attached, Attached::New(_));
+    let result = json!({
+        "signature": out, "changed": changed, "attachment": attached.entry(), "files": files.files,
+    });
+    print_json(json, &result)
+}
+
+/// Verifies a signature of a model in a folder or in the registry: one in a file, or for a version one that is attached to it.
+pub(crate) fn verify(
+    model: &str,
+    public_key: &Path,
+    signature: Option<&Path>,
+    registry: &Location,
+    json: bool,
+) -> Result<()> {
+    let key = read_public_key(public_key)?;
+    let folder = Path::new(model);
+    let (files, attachment) = match signature {
+        None if !folder.is_dir() => {
+            let (registry, version) = whole(model, registry)?;
+            let entry = registry.signature_by(&version, &key)?;
+            (SignedFiles::of_version(&version), Some(entry.number))
+        }
+        file => {
+            let file = file.unwrap_or(Path::new(FILE));
+            let signature = read_signature(file)?;
+            let files = if folder.is_dir() {
+                SignedFiles::in_folder(folder)?
+            } else {
+                SignedFiles::of_version(&whole(model, registry)?.1)
+            };
+            files.verify(&signature, &key).with_context(|| file.display().to_string())?;
+            (files, None)
+        }
+    };
+    out!("{model}: every one of {} files is as the key's owner signed it", files.files.len());
+    print_json(json, &json!({ "verified": model, "attachment": attachment, "files": files.files }))
+}
+
+/// Reads a public key.
+pub(crate) fn read_public_key(path: &Path) -> Result<PublicKey> {
+    let pem = read_key(path)?;
+    PublicKey::from_pem(&pem).with_context(|| path.display().to_string()).map_err(bad_input)
+}
+
+fn read_key(path: &Path) -> Result<String> {
+    std::fs::read_to_string(path).with_context(|| path.display().to_string()).map_err(bad_input)
+}
+
+fn write(file: &Path, signature: &Signature) -> Result<()> {
+    let write = || File::create_new(file)?.write_all(signature.as_str().as_bytes());
+    write().with_context(|| format!("{}: a signature is never written over", file.display()))
+}
+
+/// A version in the registry, with every file read and compared with its digest.
+fn whole(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
+    let reference = model::reference(model)?;
+    let opened = Registry::open(registry).map_err(|error| {
+        bad_input(anyhow!(error).context(format!("{model} is no folder, and it is not in a registry")))
+    })?;
+    let version = opened.show(&reference)?;
+    model::warn(&version);
+    // Exactly this version: an alias or the newest may be another one by now.
+    let found = opened.verify(Some(&model::reference(&version.to_string())?))?.problems;
+    // What is wrong with an attachment spoils no file, and is told where that attachment is used.
+    if let Some(problem) = found.iter().find(|problem| problem.model == Some(version.to_string())) {
+        bail!("{problem}");
+    }
+    Ok((opened, version))
+}
