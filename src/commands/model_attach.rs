@@ -47,9 +47,9 @@ pub(crate) fn attach(
     let attached = registry.attach(version, attachment, &remark(remarks))?;
     let number = attached.entry().number;
     match &attached {
-        Attached::New(_) => out!("{version}: {what} attached, its attachment {number}"),
+        Attached::New(_) => out!("{version}: {what} attached (attachment {number})"),
         Attached::AlreadyThere(_) => {
-            out!("{version} has this {what} already, as its attachment {number}; nothing was attached");
+            out!("{version} has this {what} already (attachment {number}); nothing was attached");
         }
     }
     Ok(attached)

@@ -4,7 +4,7 @@ use super::model::{reference, told, warn};
 use super::print_json;
 use crate::output::out;
 use anyhow::Result;
-use registry::{Attachment, Entry, Evaluation, Location, Metric, ModelVersion, Registry};
+use registry::{Attachment, Entry, Evaluation, Lineage, Location, Metric, ModelVersion, Registry};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -59,6 +59,9 @@ pub(crate) fn run(model: &str, location: &Location, json: bool) -> Result<()> {
 fn print(shown: &Shown) {
     let ModelVersion { name, version: number, digest, manifest, .. } = &shown.version;
     out!("{name}@{number}  {digest}");
+    if let Some(purpose) = manifest.interface.get("purpose").and_then(|purpose| purpose.as_str()) {
+        out!("  {}", printable(purpose));
+    }
     if let Some(time) = manifest.created() {
         out!("  published {}", printable(time));
     }
@@ -66,17 +69,23 @@ fn print(shown: &Shown) {
         out!("  {:32} {:>12} bytes  {}", layer.path().unwrap_or("?"), layer.size, layer.digest);
     }
     for (dataset, digest) in &manifest.lineage.datasets {
-        out!("  trained on {dataset}  {digest}");
+        out!("  trained on {}  {digest}", printable(dataset));
     }
     if let Some(parent) = &manifest.lineage.parent {
         out!("  begun from {parent}");
     }
+    if let Some(circumstances) = circumstances(&manifest.lineage) {
+        out!("  trained {}", printable(&circumstances));
+    }
     for (metric, Metric { value, attachment, .. }) in &shown.metrics {
         let source = attachment.map_or(String::new(), |number| format!("  (attachment {number})"));
-        out!("  {metric} = {value:.4}{source}");
+        out!("  {} = {value:.4}{source}", printable(metric));
     }
-    let signatures = shown.attachments.iter().filter(|listed| listed.signature.is_some()).count();
-    out!("  {signatures} {}", if signatures == 1 { "signature" } else { "signatures" });
+    match shown.attachments.iter().filter(|listed| listed.signature.is_some()).count() {
+        0 => out!("  not signed"),
+        1 => out!("  1 signature"),
+        signatures => out!("  {signatures} signatures"),
+    }
     for Listed { entry, signature, evaluation } in &shown.attachments {
         let what = match (signature, evaluation) {
             (Some(Signed { key_hint }), _) => {
@@ -90,6 +99,17 @@ fn print(shown: &Shown) {
         };
         out!("  attachment {}: {what}{}", entry.number, told(&entry.remark));
     }
+}
+
+/// How it was trained, as far as that is known.
+fn circumstances(lineage: &Lineage) -> Option<String> {
+    let Lineage { seed, device, software, code_revision, .. } = lineage;
+    let seed = seed.map(|seed| format!("with seed {seed}"));
+    let device = device.as_ref().map(|device| format!("on {device}"));
+    let software = software.iter().map(|(name, version)| format!("{name} {version}"));
+    let revision = code_revision.as_ref().map(|revision| format!("revision {revision}"));
+    let known: Vec<_> = seed.into_iter().chain(device).chain(software).chain(revision).collect();
+    (!known.is_empty()).then(|| known.join(", "))
 }
 
 /// What others wrote, without what would steer the terminal.
