@@ -312,7 +312,7 @@ impl Bundle {
 /// An in-toto statement with the predicate of model signing.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct Statement {
+pub(crate) struct Statement {
     #[serde(rename = "_type")]
     kind: String,
     subject: Vec<Subject>,
@@ -350,7 +350,7 @@ impl Statement {
     }
 
     /// The files that were signed.
-    fn files(&self) -> std::result::Result<BTreeMap<String, Digest>, String> {
+    pub(crate) fn files(&self) -> std::result::Result<BTreeMap<String, Digest>, String> {
         expect("_type", &self.kind, STATEMENT)?;
         expect("predicateType", &self.predicate_type, PREDICATE)?;
         expect("serialization.method", &self.predicate.serialization.method, "files")?;
@@ -436,7 +436,7 @@ mod tests {
         assert_eq!(statement["subject"][0]["name"], "approach");
         let resources = statement["predicate"]["resources"].as_array().unwrap();
         assert_eq!(resources.len(), 3);
-        assert_eq!(resources[2]["name"], "weights.safetensors");
+        assert_eq!(resources[2]["name"], "weights.bin");
         assert!(resources[2]["digest"].as_str().unwrap().starts_with("ba7816bf"), "FIPS 180-2 of abc");
     }
 
@@ -458,9 +458,9 @@ mod tests {
         fs::write(folder.join("more.txt"), "").unwrap();
         assert!(verify(&again()).unwrap_err().to_string().contains("more.txt was not signed"));
         fs::remove_file(folder.join("more.txt")).unwrap();
-        fs::write(folder.join("weights.safetensors"), "abd").unwrap();
-        assert!(verify(&again()).unwrap_err().to_string().contains("weights.safetensors has digest"));
-        fs::remove_file(folder.join("weights.safetensors")).unwrap();
+        fs::write(folder.join("weights.bin"), "abd").unwrap();
+        assert!(verify(&again()).unwrap_err().to_string().contains("weights.bin has digest"));
+        fs::remove_file(folder.join("weights.bin")).unwrap();
         assert!(verify(&again()).unwrap_err().to_string().contains("is missing"));
     }
 
@@ -525,7 +525,7 @@ mod tests {
                 "signed twice, the same bytes"
             );
             pull(&ours).unwrap();
-            assert_eq!(fs::read(place.path("pulled/weights.safetensors")).unwrap(), b"abc");
+            assert_eq!(fs::read(place.path("pulled/weights.bin")).unwrap(), b"abc");
             pull(&theirs).unwrap();
             assert!(pull(&fixture::key(3)).is_err());
         }
