@@ -60,11 +60,13 @@ pub(crate) fn check(reader: &mut impl Read, size: u64) -> std::io::Result<std::r
 
 /// Checks a header that stands before `data` bytes.
 fn check_header(header: &[u8], data: u64) -> std::result::Result<(), String> {
-    if !header.starts_with(b"{") {
+    // Texts that are skipped are not looked at by the JSON reader.
+    let header = std::str::from_utf8(header).map_err(|error| format!("its header is not UTF-8: {error}"))?;
+    if !header.starts_with('{') {
         return Err("its header does not begin with `{`".into());
     }
     let Header(tensors) =
-        serde_json::from_slice(header).map_err(|error| format!("its header is malformed: {error}"))?;
+        serde_json::from_str(header).map_err(|error| format!("its header is malformed: {error}"))?;
     let mut tensors: Vec<_> = tensors.iter().collect();
     // The header may name them in another order than that of their bytes.
     tensors.sort_by_key(|(_, tensor)| tensor.data_offsets);
@@ -241,6 +243,12 @@ mod tests {
             let found = refusal(header, data).unwrap_or_default();
             assert!(found.contains(expected), "{header:.200}: {found}");
         }
+    }
+
+    #[test]
+    fn what_is_skipped_is_text_as_well() {
+        let header = b"{\"a\":{\"dtype\":\"U8\",\"shape\":[0],\"data_offsets\":[0,0],\"\x89\":0}}";
+        assert!(check_header(header, 0).unwrap_err().contains("not UTF-8"));
     }
 
     /// The reader would fail if it were asked for more than the length.

@@ -132,11 +132,13 @@ pub struct Signature {
 impl Signature {
     /// Reads a Sigstore bundle.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let bundle = serde_json::from_slice(bytes).map_err(|error| Error::Signature {
+        let refuse = |error: &dyn std::fmt::Display| Error::Signature {
             reason: format!("it is no Sigstore bundle with a DSSE envelope: {error}"),
-        })?;
-        // JSON is UTF-8.
-        Ok(Self { text: String::from_utf8_lossy(bytes).into_owned(), bundle })
+        };
+        // Names and texts that are skipped are not looked at by the JSON reader.
+        let text = std::str::from_utf8(bytes).map_err(|error| refuse(&error))?;
+        let bundle = serde_json::from_str(text).map_err(|error| refuse(&error))?;
+        Ok(Self { text: text.to_owned(), bundle })
     }
 
     /// The bundle, byte for byte.
@@ -482,6 +484,17 @@ mod tests {
         let other = PublicKey::from_pem(&other.public_pem().unwrap()).unwrap();
         assert!(files.verify(&signature, &other).is_err());
         assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("no Sigstore bundle"));
+    }
+
+    /// It would be attached as something else than what was signed elsewhere.
+    #[test]
+    fn what_is_no_text_is_no_signature() {
+        let place = Place::local();
+        let (_, signature) = signed(&place);
+        let text = signature.as_str().replacen('{', "{\"?\":0,", 1);
+        Signature::parse(text.as_bytes()).unwrap();
+        let bytes: Vec<_> = text.bytes().map(|c| if c == b'?' { 0x89 } else { c }).collect();
+        assert!(Signature::parse(&bytes).unwrap_err().to_string().contains("utf-8"));
     }
 
     #[test]
