@@ -122,7 +122,7 @@ impl Registry {
     ) -> Result<Attached> {
         let bytes = attachment.to_bytes(version)?;
         let content = Descriptor::document(attachment.media_type(), &bytes);
-        self.keep_document(&bytes, &mut None)?;
+        self.store.put_blob(content.digest, bytes)?;
         let log = attachment_log(&version.name, version.version);
         let mut entries = self.chain(&log)?;
         loop {

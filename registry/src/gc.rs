@@ -230,9 +230,10 @@ fn file(path: &Path, key: &str) -> Result<Option<Object>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::{Place, evaluation, flip, model};
+    use crate::fixture::{Place, bytes, evaluation, flip, model};
     use crate::log::{Expect, Remark};
     use crate::manifest::Provenance;
+    use crate::publish::SMALL;
 
     const DAY: Duration = Duration::from_hours(24);
 
@@ -338,17 +339,21 @@ mod tests {
         let place = Place::local();
         let registry = littered(&place);
         let orphan = place.path("registry").join(blob_key(Digest::of(b"orphan")));
-        let long_ago = now() - DAY * 100;
         let age = |path| fs::metadata(path).unwrap().modified().unwrap().elapsed().unwrap();
-        fs::File::options().write(true).open(&orphan).unwrap().set_modified(long_ago).unwrap();
+        let grow_old = |path| {
+            fs::File::options().write(true).open(path).unwrap().set_modified(now() - DAY * 100).unwrap();
+        };
+        grow_old(&orphan);
         assert_eq!(registry.garbage(now(), GRACE).unwrap().len(), 1);
         let checkpoint = place.checkpoint("late", b"orphan");
         registry.publish(&model("late"), &checkpoint, Provenance::default()).unwrap();
         assert!(age(&orphan) < DAY);
-        // What a version names is safe as it is and not written again.
-        fs::File::options().write(true).open(&orphan).unwrap().set_modified(long_ago).unwrap();
-        registry.publish(&model("later"), &checkpoint, Provenance::default()).unwrap();
-        assert!(age(&orphan) > DAY);
+        // What a version names is safe as it is, and not written again if that takes long.
+        let version = place.publish(&registry, "large", &bytes(SMALL as usize + 1));
+        let blob = place.path("registry").join(blob_key(version.manifest.layers[2].digest));
+        grow_old(&blob);
+        assert_eq!(place.publish(&registry, "larger", &bytes(SMALL as usize + 1)).version, 1);
+        assert!(age(&blob) > DAY);
     }
 
     /// Damaged, neither a manifest nor an entry names its blobs any more.

@@ -5,6 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::checkpoint::fingerprint;
+use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::manifest::{Descriptor, Manifest, model_config};
 use crate::name::ModelName;
@@ -62,7 +63,7 @@ impl Registry {
                 return Err(Error::Import { path: source, reason });
             }
         }
-        self.keep_document(&config, &mut references)?;
+        self.store.put_blob(Digest::of(&config), config)?;
         self.number(name, manifest)
     }
 }

@@ -1,5 +1,6 @@
 //! Publishing: blobs first, the numbered manifest last.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use serde::Serialize;
@@ -13,6 +14,12 @@ use crate::name::ModelName;
 use crate::registry::{ModelVersion, Registry};
 use crate::safetensors;
 use crate::store::{DOCUMENT_LIMIT, LAST_VERSION, version_key};
+
+/// Bytes of the largest blob that is written without asking whether it is there.
+pub(crate) const SMALL: u64 = 1 << 20;
+
+/// How many manifests are in memory at a time.
+const AT_ONCE: usize = 64;
 
 /// What publishing did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -54,8 +61,7 @@ impl Registry {
         for (path, source) in files {
             let content = self.keep_file(&source, &mut references)?;
             if let Some(digest) = expected.remove(&path).filter(|&digest| digest != content.digest) {
-                let reason =
-                    format!("is damaged: it has digest {}, and should have {digest}", content.digest);
+                let reason = format!("damaged: it has digest {}, and should have {digest}", content.digest);
                 return Err(Error::Checkpoint { path: source, reason });
             }
             layers.push(Descriptor::file(&path, content));
@@ -66,7 +72,7 @@ impl Registry {
         let unwritable =
             |error: serde_json::Error| Error::Version { model: name.to_string(), reason: error.to_string() };
         let config = model_config(name, &layers).map_err(unwritable)?;
-        self.keep_document(&config, &mut references)?;
+        self.store.put_blob(Digest::of(&config), config.clone())?;
         self.number(name, Manifest::new(name, &config, layers, provenance))
     }
 
@@ -76,11 +82,9 @@ impl Registry {
         let mut taken = 0;
         loop {
             let newest = self.versions(name)?.last().copied().unwrap_or(0).max(taken);
-            for number in examined + 1..=newest {
-                if let Some(version) = self.same(name, number, &manifest)? {
-                    let yanked = self.yanked(name, number)?;
-                    return Ok(Published::AlreadyThere(ModelVersion { yanked, ..version }));
-                }
+            if let Some(version) = self.same(name, examined + 1..=newest, &manifest)? {
+                let yanked = self.yanked(name, version.version)?;
+                return Ok(Published::AlreadyThere(ModelVersion { yanked, ..version }));
             }
             examined = newest;
             let number = newest + 1;
@@ -103,10 +107,10 @@ impl Registry {
         }
     }
 
-    /// Whether a blob need not be written: it is intact, and no garbage that might be deleted before a manifest names it.
-    /// `references` are read when the first blob is met that is there.
+    /// Whether a blob need not be written: it is intact, and no garbage that might be deleted before a manifest names it. A small one is
+    /// written sooner than that is found out. `references` are read when the first large blob is met that is there.
     fn is_kept(&self, content: Fingerprint, references: &mut Option<References>) -> Result<bool> {
-        if self.store.inspect_blob(content.digest)? != Some(content) {
+        if content.size <= SMALL || self.store.inspect_blob(content.digest)? != Some(content) {
             return Ok(false);
         }
         let known = match references {
@@ -116,19 +120,29 @@ impl Registry {
         Ok(known.names(content.digest))
     }
 
-    /// Version `number` of `name`, if it has the same files as `manifest`. One request, if it has others: a model may have
-    /// many versions, and a bucket is far away.
-    fn same(&self, name: &ModelName, number: u64, manifest: &Manifest) -> Result<Option<ModelVersion>> {
-        let bytes = self.store.read(&version_key(name, number))?.unwrap_or_default();
-        if !Manifest::parse(&bytes, name, number).is_ok_and(|found| is_same(&found, manifest)) {
-            return Ok(None);
+    /// The first of these versions of `name` that has the same files as `manifest`.
+    fn same(
+        &self,
+        name: &ModelName,
+        numbers: RangeInclusive<u64>,
+        manifest: &Manifest,
+    ) -> Result<Option<ModelVersion>> {
+        let numbers: Vec<_> = numbers.collect();
+        for numbers in numbers.chunks(AT_ONCE) {
+            let keys: Vec<_> = numbers.iter().map(|&number| version_key(name, number)).collect();
+            for (&number, bytes) in numbers.iter().zip(self.store.read_each(&keys)?) {
+                if !Manifest::parse(&bytes, name, number).is_ok_and(|found| is_same(&found, manifest)) {
+                    continue;
+                }
+                match self.load(name, number) {
+                    Ok(version) if is_same(&version.manifest, manifest) => return Ok(Some(version)),
+                    // A damaged version is no reason not to publish the next one.
+                    Ok(_) | Err(Error::Damaged(_)) => {}
+                    Err(error) => return Err(error),
+                }
+            }
         }
-        match self.load(name, number) {
-            Ok(version) => Ok(Some(version).filter(|version| is_same(&version.manifest, manifest))),
-            // A damaged version is no reason not to publish the next one.
-            Err(Error::Damaged(_)) => Ok(None),
-            Err(error) => Err(error),
-        }
+        Ok(None)
     }
 
     /// Stores a checkpoint's file as a blob, unless it is kept, and says what it holds.
@@ -138,15 +152,6 @@ impl Registry {
         references: &mut Option<References>,
     ) -> Result<Fingerprint> {
         self.store.ingest(source, &mut |content| self.is_kept(content, references))
-    }
-
-    /// Stores a small document as a blob, unless it is kept.
-    pub(crate) fn keep_document(&self, bytes: &[u8], references: &mut Option<References>) -> Result<()> {
-        let content = Fingerprint { digest: Digest::of(bytes), size: bytes.len() as u64 };
-        if self.is_kept(content, references)? {
-            return Ok(());
-        }
-        self.store.put_blob(content.digest, bytes.to_vec())
     }
 }
 

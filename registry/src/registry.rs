@@ -182,15 +182,10 @@ impl Registry {
             Selector::Alias(alias) => Some(self.aliased(name, alias)?),
             Selector::Version(number) => versions.binary_search(number).is_ok().then_some(*number),
             Selector::Digest(digest) => {
-                let mut found = None;
-                for &number in &versions {
-                    let bytes = self.store.read(&version_key(name, number))?;
-                    if bytes.is_some_and(|bytes| Digest::of(&bytes) == *digest) {
-                        found = Some(number);
-                        break;
-                    }
-                }
-                found
+                let keys: Vec<_> = versions.iter().map(|&number| version_key(name, number)).collect();
+                let manifests = self.store.read_each(&keys)?;
+                let found = manifests.iter().position(|bytes| Digest::of(bytes) == *digest);
+                found.map(|index| versions[index])
             }
         };
         let newest = format!("{name}@{newest}");

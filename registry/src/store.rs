@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use bytes::Bytes;
-use futures_util::StreamExt;
+use futures_util::{StreamExt, TryStreamExt, stream};
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
 use object_store::{GetResultPayload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode};
@@ -29,6 +29,9 @@ pub(crate) const LAST_VERSION: u64 = 999_999;
 
 /// Folder of all blobs.
 pub(crate) const BLOBS: &str = "blobs";
+
+/// How many small objects are asked for at a time.
+const REQUESTS_UNDER_WAY: usize = 16;
 
 /// Bytes that are read from a file at a time.
 const PIECE: usize = 1 << 20;
@@ -201,6 +204,19 @@ impl Store {
         Ok(found.then_some(bytes))
     }
 
+    /// Small objects in the order of their keys; empty where there is none, or one larger than [`DOCUMENT_LIMIT`]. Several are asked for
+    /// at a time: a bucket is far away.
+    pub(crate) fn read_each(&self, keys: &[String]) -> Result<Vec<Bytes>> {
+        let read = async |key: &String| match self.objects.get(&Key::from(key.as_str())).await {
+            Ok(found) if found.meta.size <= DOCUMENT_LIMIT => {
+                found.bytes().await.map_err(self.error("read", key))
+            }
+            Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(Bytes::new()),
+            Err(source) => Err(self.error("read", key)(source)),
+        };
+        self.wait(stream::iter(keys).map(read).buffered(REQUESTS_UNDER_WAY).try_collect())
+    }
+
     /// Gives at most `limit` bytes of an object to `sink`, piece by piece; false if there is no such object.
     fn scan(&self, key: &str, limit: u64, sink: &mut dyn FnMut(Bytes) -> Result<()>) -> Result<bool> {
         self.check(key)?;
@@ -371,6 +387,23 @@ mod tests {
             assert_eq!(store.read("a/c.json").unwrap(), None);
             assert_eq!(store.list("").unwrap().folders, ["a"]);
             assert_eq!(store.list("a").unwrap().objects, ["b.json"]);
+        }
+    }
+
+    #[test]
+    fn many_are_read_in_their_order() {
+        for place in Place::all() {
+            let store = place.store();
+            let keys: Vec<_> = (0..3 * REQUESTS_UNDER_WAY).map(|number| format!("{number}.json")).collect();
+            for (number, key) in keys.iter().enumerate().filter(|(number, _)| number % 3 > 0) {
+                // Every third is missing, another third too large.
+                store
+                    .put(key, bytes(if number % 3 == 1 { number } else { DOCUMENT_LIMIT as usize + 1 }))
+                    .unwrap();
+            }
+            for (number, found) in store.read_each(&keys).unwrap().iter().enumerate() {
+                assert_eq!(found.len(), if number % 3 == 1 { number } else { 0 });
+            }
         }
     }
 
