@@ -207,6 +207,7 @@ impl Store {
     /// Small objects in the order of their keys; empty where there is none, or one larger than [`DOCUMENT_LIMIT`]. Several are asked for
     /// at a time: a bucket is far away.
     pub(crate) fn read_each(&self, keys: &[String]) -> Result<Vec<Bytes>> {
+        keys.iter().try_for_each(|key| self.check(key))?;
         let read = async |key: &String| match self.objects.get(&Key::from(key.as_str())).await {
             Ok(found) if found.meta.size <= DOCUMENT_LIMIT => {
                 found.bytes().await.map_err(self.error("read", key))
