@@ -1,6 +1,6 @@
 //! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign, attach.
 
-use crate::support::Folder;
+use crate::support::{Folder, safetensors};
 
 /// A folder that holds what a checkpoint holds, with these weights.
 pub(crate) fn checkpoint(folder: &Folder, name: &str, weights: &str) {
@@ -14,11 +14,12 @@ pub(crate) fn checkpoint(folder: &Folder, name: &str, weights: &str) {
         "epoch": null,
         "weights_sha256": "WEIGHTS"
     }"#;
+    let weights = safetensors(weights);
     let digest = registry::Digest::of(weights.as_bytes()).hex();
     let info = info.replace("DIGEST", &"ab".repeat(32)).replace("WEIGHTS", &digest);
     folder.write(&format!("{name}/model.json"), &info);
     folder.write(&format!("{name}/config.toml"), "seed = 5\n");
-    folder.write(&format!("{name}/weights.safetensors"), weights);
+    folder.write(&format!("{name}/weights.safetensors"), &weights);
 }
 
 #[test]
@@ -44,7 +45,10 @@ fn what_is_pulled_is_what_was_published() {
     assert_eq!(interface["camera"]["horizontal_fov_deg"], 60.0);
     folder.run("model pull avoid@1 --out pulled").ok();
     assert!(folder.path("pulled/config.json").exists());
-    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "one");
+    assert_eq!(
+        std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(),
+        safetensors("one")
+    );
     folder.run("model verify").ok();
 }
 
@@ -58,7 +62,7 @@ fn a_changed_file_is_found_and_never_delivered() {
     let weights = layers.iter().find(|layer| layer["annotations"].to_string().contains("weights")).unwrap();
     let digest = weights["digest"].as_str().unwrap().strip_prefix("sha256:").unwrap();
     let blob = folder.path(&format!("models/blobs/sha256/{}/{digest}", &digest[..2]));
-    std::fs::write(&blob, "The weights").unwrap();
+    std::fs::write(&blob, safetensors("The weights")).unwrap();
     let verified = folder.run("model verify");
     verified.fails(1, &["damaged"]);
     assert!(verified.stdout().contains("weights.safetensors"), "{}", verified.stdout());
@@ -102,7 +106,10 @@ fn aliases_move_and_end_and_their_history_stays() {
     folder.run("model alias avoid champion 1 --expect 1").fails(1, &["avoid:champion is version 2"]);
     folder.run("model alias avoid champion 1 --expect 2").ok();
     folder.run("model pull avoid:champion --out pulled").ok();
-    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "first");
+    assert_eq!(
+        std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(),
+        safetensors("first")
+    );
     assert!(folder.run("model alias avoid").ok().stdout().contains("avoid:champion is avoid@1"));
     assert!(folder.run("model list").ok().stdout().contains("versions 1, 2; champion is 1"));
 
@@ -220,7 +227,7 @@ fn models_go_out_and_come_back() {
     for file in ["config.json", "model.safetensors", "model.json", "config.toml"] {
         assert!(folder.path("huggingface").join(file).exists(), "{file}");
     }
-    std::fs::write(folder.path("huggingface/model.safetensors"), "the Weights").unwrap();
+    std::fs::write(folder.path("huggingface/model.safetensors"), safetensors("the Weights")).unwrap();
     folder.run("model import huggingface avoid --registry new").fails(1, &["model.safetensors", "digest"]);
     folder.run("model import run avoid").fails(2, &["run", "model publish"]);
     folder.run("model export avoid --format oci --license mit --out x").fails(2, &["--license"]);
@@ -241,7 +248,7 @@ Yfps5mliLmDyn7Z5A/4QCLi8maQa6elWKLxk8vGyDC1+n1F3o8KU1EYimQ==\n\
 fn a_checkpoint_with_other_weights_is_not_published() {
     let folder = Folder::new();
     checkpoint(&folder, "run", "the weights");
-    folder.write("run/weights.safetensors", "the weighs");
+    folder.write("run/weights.safetensors", &safetensors("the weighs"));
     folder.run("model publish run avoid").fails(1, &["run/weights.safetensors", "damaged"]);
     assert_eq!(folder.run("model list --json").ok().json(), serde_json::json!([]));
 }
@@ -320,7 +327,10 @@ fn only_what_is_signed_is_delivered_to_who_asks_for_it() {
     assert_eq!(folder.run("model sign avoid@1 --key key.pem --json").ok().json()["changed"], false);
     assert_eq!(folder.run(&format!("{VERIFY_SIGNED} --json")).ok().json()["attachment"], 2);
     folder.run(PULL_SIGNED).ok();
-    assert_eq!(std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(), "first");
+    assert_eq!(
+        std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(),
+        safetensors("first")
+    );
     folder.run("model verify avoid --public-key pub.pem").fails(1, &["avoid@2", "no signature"]);
 }
 

@@ -3,7 +3,7 @@
 //! `FLOWSERVO_RACES` and `FLOWSERVO_KILLS` say how often; a few times by default.
 
 use crate::models::checkpoint;
-use crate::support::{Folder, Run};
+use crate::support::{Folder, Run, safetensors};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -61,7 +61,7 @@ fn of_publishers_at_once_each_gets_a_version_and_readers_see_whole_ones() {
             let runs = publish_at_once(&folder);
             published.extend(runs.into_iter().enumerate().map(|(publisher, run)| {
                 let version = run.ok().json()["version"].as_u64().unwrap();
-                (version, weights(round, publisher))
+                (version, safetensors(&weights(round, publisher)))
             }));
         }
         racing.store(false, Ordering::Relaxed);

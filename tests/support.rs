@@ -4,6 +4,15 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
+/// A safetensors file with this text as its one tensor.
+pub(crate) fn safetensors(text: &str) -> String {
+    let size = text.len();
+    let header = format!(r#"{{"w":{{"dtype":"U8","shape":[{size}],"data_offsets":[0,{size}]}}}}"#);
+    let length = (header.len() as u64).to_le_bytes().map(char::from);
+    // A header as short as this has a length of one ASCII character.
+    length.into_iter().collect::<String>() + &header + text
+}
+
 /// A temporary folder to run the program in.
 pub(crate) struct Folder(tempfile::TempDir);
 

@@ -291,7 +291,7 @@ mod tests {
         assert!(refusal(&Attachment::Evaluation(large)).contains("more than 4194304"));
         let other = place.publish(&registry, "approach", b"others");
         let foreign = SignedFiles::of_version(&other).sign(&key(1)).unwrap();
-        assert!(refusal(&Attachment::Signature(foreign)).contains("weights.safetensors"));
+        assert!(refusal(&Attachment::Signature(foreign)).contains("weights.bin"));
         assert!(registry.attachments(&version).unwrap().is_empty());
     }
 

@@ -69,13 +69,32 @@ pub(crate) fn check_paths<'a>(paths: impl Iterator<Item = &'a str>) -> std::resu
                  each name, with no `.` at the beginning or end"
             ));
         }
-        if !seen.insert(path.to_ascii_lowercase()) {
+        if let Some(part) = path.split('/').find(|part| is_device(part)) {
             return Err(format!(
-                "`{path}` differs from another file in upper and lower case only; rename one"
+                "`{path}` cannot be a file on Windows, where `{part}` is a device; rename it"
             ));
         }
+        if !seen.insert(path.to_ascii_lowercase()) {
+            return Err(format!("`{path}` is named twice, or in upper and lower case; rename one"));
+        }
     }
-    Ok(())
+    let above = |path: &String| {
+        path.match_indices('/').find(|(end, _)| seen.contains(&path[..*end])).map(|(end, _)| end)
+    };
+    match seen.iter().find_map(|path| Some((path, above(path)?))) {
+        Some((path, end)) => {
+            Err(format!("`{}` is a file and the folder of `{path}`; rename one", &path[..end]))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Whether Windows takes `part` for a device, whatever its extension.
+fn is_device(part: &str) -> bool {
+    let stem = part.split('.').next().unwrap_or(part).to_ascii_lowercase();
+    let port = stem.strip_prefix("com").or_else(|| stem.strip_prefix("lpt"));
+    matches!(stem.as_str(), "con" | "prn" | "aux" | "nul")
+        || port.is_some_and(|number| number.len() == 1 && number.bytes().all(|c| c.is_ascii_digit()))
 }
 
 fn is_safe_part(part: &str) -> bool {
@@ -93,11 +112,11 @@ mod tests {
     fn files_are_sorted() {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("state")).unwrap();
-        fs::write(folder.path().join("weights.safetensors"), b"abc").unwrap();
+        fs::write(folder.path().join("weights.bin"), b"abc").unwrap();
         fs::write(folder.path().join("state/step.json"), b"7").unwrap();
         let files = list(folder.path()).unwrap();
         let paths: Vec<_> = files.iter().map(|(path, _)| path.as_str()).collect();
-        assert_eq!(paths, ["state/step.json", "weights.safetensors"]);
+        assert_eq!(paths, ["state/step.json", "weights.bin"]);
         assert_eq!(fs::read(&files[1].1).unwrap(), b"abc");
     }
 
@@ -109,7 +128,7 @@ mod tests {
             ("empty", |root| fs::create_dir(root.join("empty")).unwrap()),
             ("cannot be a file", |root| fs::write(root.join(".hidden"), b"").unwrap()),
             ("cannot be a file", |root| fs::write(root.join("a b"), b"").unwrap()),
-            ("upper and lower case", |root| {
+            ("in upper and lower case", |root| {
                 fs::write(root.join("a"), b"").unwrap();
                 fs::write(root.join("A"), b"").unwrap();
             }),
@@ -126,8 +145,13 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_refused() {
+    fn links_and_pipes_are_refused() {
         let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let message = list(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("pipe") && message.contains("plain files and folders only"), "{message}");
+        fs::remove_file(pipe).unwrap();
         std::os::unix::fs::symlink("/etc/hostname", folder.path().join("config.json")).unwrap();
         let message = list(folder.path()).unwrap_err().to_string();
         assert!(message.contains("config.json") && message.contains("no links"), "{message}");
@@ -135,8 +159,27 @@ mod tests {
 
     #[test]
     fn paths_cannot_leave_the_checkpoint() {
-        for bad in ["../x", "/x", "a//b", "a/../b", "a/.", "", "a\\b", "c:x", "a."] {
-            assert!(check_paths([bad].into_iter()).is_err(), "{bad}");
+        for bad in ["../x", "/x", "a//b", "a/../b", "a/.", "", "a\\b", "c:x", "a.", "a/", "a\0", "é", "a\n"]
+        {
+            assert!(check_paths([bad].into_iter()).unwrap_err().contains("cannot be a file"), "{bad:?}");
         }
+        for device in ["con", "state/NUL", "aux.json", "Com1", "lpt9.tar.gz"] {
+            assert!(check_paths([device].into_iter()).unwrap_err().contains("on Windows"), "{device}");
+        }
+        check_paths(["config", "com", "com12", "console", "nul1", "lpt.a/b"].into_iter()).unwrap();
+    }
+
+    #[test]
+    fn paths_name_different_files() {
+        for (bad, told) in [
+            (["a", "a"], "`a` is named twice"),
+            (["a/b", "A/B"], "`A/B`"),
+            (["a", "a/b"], "`a` is a file and the folder of `a/b`"),
+            (["A/b/c", "a/B"], "`a/b` is a file and the folder of `a/b/c`"),
+        ] {
+            let refusal = check_paths(bad.into_iter()).unwrap_err();
+            assert!(refusal.contains(told), "{refusal}");
+        }
+        check_paths(["a/b", "a/c", "ab", "a-b/c", "b"].into_iter()).unwrap();
     }
 }

@@ -198,7 +198,7 @@ mod tests {
             let digest = |bytes: &[u8]| Some(Digest::of(bytes));
             let files = [
                 change(CONFIG, digest(one.as_bytes()), digest(two.as_bytes())),
-                change("weights.safetensors", digest(b"one"), digest(b"two")),
+                change("weights.bin", digest(b"one"), digest(b"two")),
             ];
             assert_eq!(found.files, files);
 

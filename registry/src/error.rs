@@ -173,7 +173,7 @@ pub enum Error {
         reason: String,
     },
     /// The registry holds something else than what was published.
-    #[error("{0}; restore the registry from a copy, or publish the checkpoint again")]
+    #[error("{0}{remedy}", remedy = .0.fault.remedy())]
     Damaged(Box<Problem>),
     /// The destination of a pull exists and holds something else.
     #[error("{}: {reason}; {model} was not written. Choose a new folder", path.display())]
@@ -230,6 +230,19 @@ pub enum Error {
         path: PathBuf,
         /// What the system answered.
         source: std::io::Error,
+    },
+    /// No credentials for a bucket.
+    #[error(
+        "{place}: cannot {action}: no credentials. Set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY in the environment (and \
+         AWS_SESSION_TOKEN, if they are temporary); the machine, which was asked instead, has none: {source}"
+    )]
+    Credentials {
+        /// What was tried.
+        action: &'static str,
+        /// The registry's place and the object's key in it.
+        place: String,
+        /// What the machine answered.
+        source: object_store::Error,
     },
     /// An object of the registry could not be read or written.
     #[error("{place}: cannot {action}: {source}")]

@@ -62,7 +62,7 @@ impl Place {
     pub(crate) fn checkpoint(&self, name: &str, weights: &[u8]) -> PathBuf {
         let root = self.path(name);
         fs::create_dir_all(root.join("state")).unwrap();
-        fs::write(root.join("weights.safetensors"), weights).unwrap();
+        fs::write(root.join("weights.bin"), weights).unwrap();
         fs::write(root.join("config.toml"), "width = 0.25\n").unwrap();
         fs::write(root.join("state/step.json"), "7").unwrap();
         root
@@ -76,6 +76,13 @@ impl Place {
             Published::AlreadyThere(version) => panic!("{version} is already there"),
         }
     }
+}
+
+/// A safetensors file with these bytes as its one tensor.
+pub(crate) fn safetensors(data: &[u8]) -> Vec<u8> {
+    let size = data.len();
+    let header = format!(r#"{{"w":{{"dtype":"U8","shape":[{size}],"data_offsets":[0,{size}]}}}}"#);
+    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), data].concat()
 }
 
 /// A store in memory with a quirk.

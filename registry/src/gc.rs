@@ -1,4 +1,4 @@
-//! Garbage: blobs that nothing names and half-written files, left by what was interrupted, and how they are removed.
+//! Garbage: blobs that nothing names, half-written files and probes, left by what was interrupted, and how they are removed.
 //!
 //! A blob is garbage if no object below `models/` names its digest, and if the store last wrote it longer ago than a grace period.
 //! The grace period covers publications under way: their blobs come first, and nothing names them until the manifest is there.
@@ -20,6 +20,8 @@ use serde::Serialize;
 use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::log::entry_number;
+use crate::plain::is_staged;
+use crate::probe::is_probe;
 use crate::problem::{Fault, Problem};
 use crate::registry::{Registry, version_number};
 use crate::store::{BLOBS, MODELS, Object, Store, blob_key};
@@ -49,6 +51,9 @@ impl Registry {
         let mut references = References::of(&self.store)?;
         references.check(&self.store)?;
         objects.retain(|object| blob_digest(&object.key).is_some_and(|digest| !references.names(digest)));
+        for key in self.store.list("")?.objects.iter().filter(|key| is_probe(key)) {
+            objects.extend(self.store.object(key)?);
+        }
         if let Some(folder) = self.store.folder() {
             for part in ["", BLOBS, MODELS] {
                 staged(folder, part, &mut objects)?;
@@ -71,22 +76,30 @@ impl Registry {
         let mut references = References::default();
         let mut deleted = Vec::new();
         for found in garbage {
-            let Some(digest) = blob_digest(&found.key) else {
-                if self.delete_staged(&found.key, now, grace)? {
-                    deleted.push(found);
-                }
-                continue;
+            let is_deleted = if let Some(digest) = blob_digest(&found.key) {
+                references.update(&self.store)?;
+                references.check(&self.store)?;
+                !references.names(digest) && self.delete_object(&found.key, now, grace)?
+            } else if is_probe(&found.key) {
+                self.delete_object(&found.key, now, grace)?
+            } else {
+                self.delete_staged(&found.key, now, grace)?
             };
-            references.update(&self.store)?;
-            references.check(&self.store)?;
-            let object = self.store.object(&found.key)?;
-            let is_old = object.and_then(|object| old(object, now, grace)).is_some();
-            if is_old && !references.names(digest) {
-                self.store.remove(&found.key)?;
+            if is_deleted {
                 deleted.push(found);
             }
         }
         Ok(deleted)
+    }
+
+    /// Deletes an object, if it is still old.
+    fn delete_object(&self, key: &str, now: SystemTime, grace: Duration) -> Result<bool> {
+        let object = self.store.object(key)?;
+        let is_old = object.and_then(|object| old(object, now, grace)).is_some();
+        if is_old {
+            self.store.remove(key)?;
+        }
+        Ok(is_old)
     }
 
     /// Deletes a half-written file, if it is one and still old.
@@ -94,6 +107,7 @@ impl Registry {
         let Some(path) = self.store.folder().map(|folder| folder.join(key)).filter(|_| is_staged(key)) else {
             return Ok(false);
         };
+        self.store.check(key)?;
         let is_old = file(&path, key)?.and_then(|object| old(object, now, grace)).is_some();
         if is_old {
             fs::remove_file(&path).map_err(Error::io("delete", &path))?;
@@ -183,12 +197,6 @@ fn old(object: Object, now: SystemTime, grace: Duration) -> Option<Garbage> {
     // What was written after `now`, by clocks that differ, is young.
     let age = now.duration_since(object.modified).ok().filter(|&age| age >= grace)?;
     Some(Garbage { key: object.key, size: object.size, age_s: age.as_secs() })
-}
-
-/// Whether `name` is that of a file which a local store was writing: `NAME#7`, renamed to `NAME` when it is whole.
-fn is_staged(name: &str) -> bool {
-    let number = name.rsplit_once('#').map(|(_, number)| number);
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
 }
 
 /// Finds half-written files: those in the folder `part` of `root` and, unless it is the root itself, in its folders. Links are
@@ -285,6 +293,29 @@ mod tests {
             assert_eq!(registry.garbage(in_days(15), Duration::ZERO).unwrap(), []);
             assert!(registry.verify(None).unwrap().problems.is_empty());
             assert_eq!(registry.delete_garbage(garbage, in_days(15), GRACE).unwrap(), [], "gone already");
+        }
+    }
+
+    /// What a probe that was killed leaves, in a bucket as well.
+    #[test]
+    fn old_probes_are_deleted() {
+        for place in Place::all() {
+            let registry = littered(&place);
+            for key in ["probe-0", "probe-12", "probe-a", "probe-"] {
+                registry.store.put(key, b"first".to_vec()).unwrap();
+            }
+            assert_eq!(registry.garbage(in_days(13), GRACE).unwrap(), [], "one may be under way");
+            let garbage = registry.garbage(in_days(15), GRACE).unwrap();
+            let mut expected = orphans();
+            expected.extend(["probe-0".to_owned(), "probe-12".to_owned()]);
+            assert_eq!(keys(&garbage), expected);
+            assert_eq!(
+                registry.delete_garbage(garbage.clone(), in_days(13), GRACE).unwrap(),
+                [],
+                "young again"
+            );
+            assert_eq!(registry.delete_garbage(garbage, in_days(15), GRACE).unwrap().len(), 4);
+            assert_eq!(registry.store.list("").unwrap().objects, ["probe-", "probe-a", "registry.json"]);
         }
     }
 

@@ -75,16 +75,22 @@ impl Registry {
 mod tests {
     use std::fs;
 
-    use crate::fixture::{Place, model};
+    use crate::fixture::{Place, model, safetensors};
+    use crate::manifest::Provenance;
 
     #[test]
     fn comes_back_as_it_was_and_refuses_what_was_changed() {
         let (place, other) = (Place::local(), Place::local());
-        let version = place.publish(&place.registry(), "approach", b"weights");
+        let checkpoint = place.checkpoint("checkpoint", b"more weights");
+        let weights = safetensors(b"weights");
+        fs::write(checkpoint.join("weights.safetensors"), &weights).unwrap();
+        let published =
+            place.registry().publish(&model("approach"), &checkpoint, Provenance::default()).unwrap();
+        let version = published.version().clone();
         let folder = place.path("hub");
         let reference = "approach".parse().unwrap();
         place.registry().export_huggingface(&reference, &folder, None).unwrap();
-        assert_eq!(fs::read(folder.join("model.safetensors")).unwrap(), b"weights");
+        assert_eq!(fs::read(folder.join("model.safetensors")).unwrap(), weights);
         assert!(!folder.join("weights.safetensors").exists());
         assert!(fs::read_to_string(folder.join("README.md")).unwrap().starts_with("---\n"));
         // Never into a folder that is there.
@@ -96,7 +102,7 @@ mod tests {
         assert_eq!(back.version(), &version);
         assert!(other.registry().verify(None).unwrap().problems.is_empty());
 
-        fs::write(folder.join("model.safetensors"), b"weighty").unwrap();
+        fs::write(folder.join("model.safetensors"), safetensors(b"weighty")).unwrap();
         let refusal = other.registry().import_huggingface(&model("second"), &folder).unwrap_err().to_string();
         assert!(refusal.contains("model.safetensors") && refusal.contains("digest"), "{refusal}");
         assert_eq!(other.registry().list().unwrap().len(), 1);

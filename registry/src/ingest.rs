@@ -17,6 +17,7 @@ use object_store::{MultipartUpload, ObjectStoreExt, UploadPart};
 use crate::checkpoint::fingerprint;
 use crate::digest::{Digest, Fingerprint, hash_meanwhile};
 use crate::error::{Error, Result};
+use crate::plain;
 use crate::store::{BLOBS, Store, blob_key, read_part};
 
 /// Bytes of a part of a large blob. Object stores want equal parts of at least 5 MiB.
@@ -32,7 +33,10 @@ impl Store {
     /// Stores what the file `source` holds, unless it `is_kept`, and says what that is.
     pub(crate) fn ingest(&self, source: &Path, is_kept: IsKept) -> Result<Fingerprint> {
         match self.folder() {
-            Some(folder) => copy(source, folder, is_kept),
+            Some(folder) => {
+                self.check(BLOBS)?;
+                copy(source, folder, is_kept)
+            }
             None => self.send(source, is_kept),
         }
     }
@@ -118,7 +122,9 @@ fn copy(source: &Path, folder: &Path, is_kept: IsKept) -> Result<Fingerprint> {
         }
     })?;
     if !is_kept(content)? {
-        let blob = folder.join(blob_key(content.digest));
+        let key = blob_key(content.digest);
+        plain::check(folder, &key)?;
+        let blob = folder.join(key);
         let parent = blob.parent().unwrap_or(folder);
         create_folder(parent)?;
         staged.rename(&blob)?;

@@ -23,6 +23,9 @@
 //! A registry is a folder or, with the feature `s3`, a place in a bucket, in the same layout. Whoever creates one first sees
 //! whether the store keeps the one promise that all this rests on: that an object is created only where there is none.
 //!
+//! Nothing that comes from elsewhere is taken at its word: paths stay inside the folder that they are delivered to, sizes and headers
+//! of weights are checked, and in a registry on a folder no symbolic link is followed. What the parsers promise is in `fuzz/`.
+//!
 //! This crate knows files, not networks that learn; it has no clock and no randomness.
 #![forbid(unsafe_code)]
 
@@ -38,6 +41,8 @@ mod error;
 mod evaluation;
 #[cfg(test)]
 mod fixture;
+#[cfg(any(test, fuzzing))]
+pub mod fuzzing;
 mod gc;
 mod huggingface;
 mod import;
@@ -47,6 +52,7 @@ mod log;
 mod manifest;
 mod name;
 mod oci;
+mod plain;
 mod probe;
 mod problem;
 mod publish;
@@ -55,6 +61,7 @@ mod pull;
 mod quirk;
 mod reference;
 mod registry;
+mod safetensors;
 mod signature;
 mod store;
 mod verify;

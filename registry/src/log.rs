@@ -116,7 +116,7 @@ impl Log {
     }
 
     /// Reads what stands at entry `number`, or says what is wrong with it.
-    fn parse(&self, bytes: &[u8], number: u64) -> std::result::Result<Entry, String> {
+    pub(crate) fn parse(&self, bytes: &[u8], number: u64) -> std::result::Result<Entry, String> {
         let entry: Entry = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
         if (entry.subject.as_str(), entry.number) != (&self.subject, number) {
             return Err(format!("it is entry {} about `{}`", entry.number, entry.subject));
@@ -229,7 +229,7 @@ impl Registry {
 }
 
 /// The bytes of an entry that can be read back, or why there are none.
-fn encode(entry: &Entry) -> std::result::Result<Vec<u8>, String> {
+pub(crate) fn encode(entry: &Entry) -> std::result::Result<Vec<u8>, String> {
     if entry.number > LAST_ENTRY {
         return Err(format!("a log has at most {LAST_ENTRY} entries"));
     }

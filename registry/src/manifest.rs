@@ -324,7 +324,7 @@ mod tests {
         assert!(refusal(|_| {}, 4).contains("image.version is `3`, expected `4`"));
         assert!(refusal(|m| m.schema_version = 1, 3).contains("schemaVersion"));
         assert!(refusal(|m| m.layers.clear(), 3).contains("no files"));
-        assert!(refusal(|m| m.layers.push(m.layers[0].clone()), 3).contains("another file"));
+        assert!(refusal(|m| m.layers.push(m.layers[0].clone()), 3).contains("is named twice"));
         let evil =
             |m: &mut Manifest| m.layers[0].annotations.insert(FILE_PATH.into(), "../../etc/passwd".into());
         let mut manifest = sample();

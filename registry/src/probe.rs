@@ -11,6 +11,12 @@ use crate::store::Store;
 /// Beginning of the keys that are written for a moment.
 pub(crate) const PROBE: &str = "probe-";
 
+/// Whether `key` is that of an object that a probe writes, and leaves behind if it is killed.
+pub(crate) fn is_probe(key: &str) -> bool {
+    let number = key.strip_prefix(PROBE);
+    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
+}
+
 /// How many keys are tried: others may be probing too, or have been killed while they did.
 const ATTEMPTS: u32 = 200;
 

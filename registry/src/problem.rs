@@ -62,12 +62,28 @@ pub enum Fault {
         /// What the store answered.
         reason: String,
     },
+    /// The object, or a folder on the way to it, is a symbolic link.
+    #[error(
+        "is a symbolic link, and a registry follows none: put what it points to in its place, or remove it"
+    )]
+    Link,
+    /// The object is a named pipe, a socket or a device.
+    #[error("is neither a file nor a folder: remove it")]
+    Special,
     /// The object has no place in a registry.
     #[error("does not belong in a registry: remove it")]
     Stray,
 }
 
 impl Fault {
+    /// What to do about it, where the fault itself does not say.
+    pub(crate) fn remedy(&self) -> &'static str {
+        match self {
+            Self::Link | Self::Special | Self::Stray => "",
+            _ => "; restore the registry from a copy, or publish the checkpoint again",
+        }
+    }
+
     /// What is wrong with a blob that holds `found` where the manifest states `expected`.
     pub(crate) fn of_blob(expected: Fingerprint, found: Option<Fingerprint>) -> Option<Self> {
         match found {

@@ -12,6 +12,7 @@ use crate::gc::References;
 use crate::manifest::{Descriptor, Manifest, Provenance, model_config};
 use crate::name::ModelName;
 use crate::registry::{ModelVersion, Registry};
+use crate::safetensors;
 use crate::store::{DOCUMENT_LIMIT, LAST_VERSION, version_key};
 
 /// Bytes of the largest blob that is written without asking whether it is there.
@@ -48,10 +49,16 @@ impl Registry {
         if let Some((metric, &value)) = provenance.metrics.iter().find(|(_, value)| !value.is_finite()) {
             return Err(Error::Metric { name: metric.clone(), value });
         }
+        let files = checkpoint::list(checkpoint)?;
+        for (path, source) in &files {
+            if let Err(reason) = safetensors::check_file(path, source)? {
+                return Err(Error::Checkpoint { path: source.clone(), reason });
+            }
+        }
         let mut references = None;
         let mut layers = Vec::new();
         let mut expected = provenance.expected.clone();
-        for (path, source) in checkpoint::list(checkpoint)? {
+        for (path, source) in files {
             let content = self.keep_file(&source, &mut references)?;
             if let Some(digest) = expected.remove(&path).filter(|&digest| digest != content.digest) {
                 let reason = format!("damaged: it has digest {}, and should have {digest}", content.digest);
@@ -379,7 +386,7 @@ mod tests {
         let obstacle = place.path("registry/models");
         fs::write(&obstacle, "").unwrap();
         let result = registry.publish(&model("approach"), &checkpoint, Provenance::default());
-        assert!(matches!(result, Err(Error::Store { .. })), "{result:?}");
+        assert!(matches!(result, Err(Error::Io { .. })), "{result:?}");
         assert!(place.path("registry").join(blob_key(Digest::of(b"abc"))).exists());
         fs::remove_file(obstacle).unwrap();
         assert!(registry.list().unwrap().is_empty());

@@ -204,7 +204,7 @@ mod tests {
             let reference = "approach@1".parse().unwrap();
             let destination = place.path("new/folder/pulled");
             assert_eq!(registry.pull(&reference, &destination).unwrap(), Pulled::New(version.clone()));
-            assert!(fs::read(destination.join("weights.safetensors")).unwrap() == weights);
+            assert!(fs::read(destination.join("weights.bin")).unwrap() == weights);
             assert_eq!(fs::read(destination.join("config.toml")).unwrap(), b"width = 0.25\n");
             assert_eq!(fs::read(destination.join("state/step.json")).unwrap(), b"7");
             assert_eq!(registry.pull(&reference, &destination).unwrap(), Pulled::AlreadyThere(version));
@@ -241,6 +241,30 @@ mod tests {
         assert_eq!(fs::read(&file).unwrap(), b"mine");
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn links_at_the_destination_are_neither_followed_nor_accepted() {
+        use std::os::unix::fs::symlink;
+
+        let place = Place::local();
+        let registry = place.registry();
+        place.publish(&registry, "approach", b"weights");
+        let reference = "approach".parse().unwrap();
+        let (nowhere, link) = (place.path("nowhere"), place.path("link"));
+        symlink(&nowhere, &link).unwrap();
+        let refusal = registry.pull(&reference, &link).unwrap_err().to_string();
+        assert!(refusal.contains("link: exists and holds something else"), "{refusal}");
+        assert!(!nowhere.exists());
+
+        // The right content, but by a link.
+        let (pulled, elsewhere) = (place.path("pulled"), place.path("elsewhere"));
+        registry.pull(&reference, &pulled).unwrap();
+        fs::rename(pulled.join("weights.bin"), &elsewhere).unwrap();
+        symlink(&elsewhere, pulled.join("weights.bin")).unwrap();
+        let refusal = registry.pull(&reference, &pulled).unwrap_err().to_string();
+        assert!(refusal.contains("weights.bin") && refusal.contains("no links"), "{refusal}");
+    }
+
     #[test]
     fn damage_is_never_delivered() {
         let place = Place::local();
@@ -250,7 +274,7 @@ mod tests {
         flip(&place.path("registry"), &blob);
         let message =
             registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).unwrap_err().to_string();
-        assert!(message.contains("approach@1: weights.safetensors") && message.contains(&blob), "{message}");
+        assert!(message.contains("approach@1: weights.bin") && message.contains(&blob), "{message}");
         let left: Vec<_> =
             fs::read_dir(place.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert!(!left.iter().any(|name| name.to_string_lossy().contains("pulled")), "{left:?}");

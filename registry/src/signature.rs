@@ -132,11 +132,13 @@ pub struct Signature {
 impl Signature {
     /// Reads a Sigstore bundle.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let bundle = serde_json::from_slice(bytes).map_err(|error| Error::Signature {
+        let refuse = |error: &dyn std::fmt::Display| Error::Signature {
             reason: format!("it is no Sigstore bundle with a DSSE envelope: {error}"),
-        })?;
-        // JSON is UTF-8.
-        Ok(Self { text: String::from_utf8_lossy(bytes).into_owned(), bundle })
+        };
+        // Names and texts that are skipped are not looked at by the JSON reader.
+        let text = std::str::from_utf8(bytes).map_err(|error| refuse(&error))?;
+        let bundle = serde_json::from_str(text).map_err(|error| refuse(&error))?;
+        Ok(Self { text: text.to_owned(), bundle })
     }
 
     /// The bundle, byte for byte.
@@ -312,7 +314,7 @@ impl Bundle {
 /// An in-toto statement with the predicate of model signing.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct Statement {
+pub(crate) struct Statement {
     #[serde(rename = "_type")]
     kind: String,
     subject: Vec<Subject>,
@@ -350,7 +352,7 @@ impl Statement {
     }
 
     /// The files that were signed.
-    fn files(&self) -> std::result::Result<BTreeMap<String, Digest>, String> {
+    pub(crate) fn files(&self) -> std::result::Result<BTreeMap<String, Digest>, String> {
         expect("_type", &self.kind, STATEMENT)?;
         expect("predicateType", &self.predicate_type, PREDICATE)?;
         expect("serialization.method", &self.predicate.serialization.method, "files")?;
@@ -436,7 +438,7 @@ mod tests {
         assert_eq!(statement["subject"][0]["name"], "approach");
         let resources = statement["predicate"]["resources"].as_array().unwrap();
         assert_eq!(resources.len(), 3);
-        assert_eq!(resources[2]["name"], "weights.safetensors");
+        assert_eq!(resources[2]["name"], "weights.bin");
         assert!(resources[2]["digest"].as_str().unwrap().starts_with("ba7816bf"), "FIPS 180-2 of abc");
     }
 
@@ -458,9 +460,9 @@ mod tests {
         fs::write(folder.join("more.txt"), "").unwrap();
         assert!(verify(&again()).unwrap_err().to_string().contains("more.txt was not signed"));
         fs::remove_file(folder.join("more.txt")).unwrap();
-        fs::write(folder.join("weights.safetensors"), "abd").unwrap();
-        assert!(verify(&again()).unwrap_err().to_string().contains("weights.safetensors has digest"));
-        fs::remove_file(folder.join("weights.safetensors")).unwrap();
+        fs::write(folder.join("weights.bin"), "abd").unwrap();
+        assert!(verify(&again()).unwrap_err().to_string().contains("weights.bin has digest"));
+        fs::remove_file(folder.join("weights.bin")).unwrap();
         assert!(verify(&again()).unwrap_err().to_string().contains("is missing"));
     }
 
@@ -482,6 +484,17 @@ mod tests {
         let other = PublicKey::from_pem(&other.public_pem().unwrap()).unwrap();
         assert!(files.verify(&signature, &other).is_err());
         assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("no Sigstore bundle"));
+    }
+
+    /// It would be attached as something else than what was signed elsewhere.
+    #[test]
+    fn what_is_no_text_is_no_signature() {
+        let place = Place::local();
+        let (_, signature) = signed(&place);
+        let text = signature.as_str().replacen('{', "{\"?\":0,", 1);
+        Signature::parse(text.as_bytes()).unwrap();
+        let bytes: Vec<_> = text.bytes().map(|c| if c == b'?' { 0x89 } else { c }).collect();
+        assert!(Signature::parse(&bytes).unwrap_err().to_string().contains("utf-8"));
     }
 
     #[test]
@@ -525,7 +538,7 @@ mod tests {
                 "signed twice, the same bytes"
             );
             pull(&ours).unwrap();
-            assert_eq!(fs::read(place.path("pulled/weights.safetensors")).unwrap(), b"abc");
+            assert_eq!(fs::read(place.path("pulled/weights.bin")).unwrap(), b"abc");
             pull(&theirs).unwrap();
             assert!(pull(&fixture::key(3)).is_err());
         }

@@ -18,6 +18,8 @@ use crate::digest::{Digest, Fingerprint, Hasher, hash_meanwhile};
 use crate::error::{Error, Result};
 use crate::location::Location;
 use crate::name::ModelName;
+use crate::plain;
+use crate::problem::Problem;
 
 /// Largest manifest; OCI registries take no larger ones either.
 pub(crate) const DOCUMENT_LIMIT: u64 = 4 << 20;
@@ -57,7 +59,7 @@ pub(crate) fn version_key(name: &ModelName, number: u64) -> String {
 }
 
 /// What lies directly in one folder of the store: last parts of the keys, sorted.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Listing {
     pub(crate) folders: Vec<String>,
     pub(crate) objects: Vec<String>,
@@ -171,6 +173,7 @@ impl Store {
 
     /// Asks once for a small object to be written if there is none; false if the store says that there is one.
     pub(crate) fn try_create(&self, key: &str, bytes: Bytes) -> Result<bool> {
+        self.check(key)?;
         match self.wait(self.objects.put_opts(&Key::from(key), bytes.into(), PutMode::Create.into())) {
             Ok(_) => Ok(true),
             Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
@@ -180,12 +183,14 @@ impl Store {
 
     /// Writes a small object whatever was there.
     pub(crate) fn put(&self, key: &str, bytes: Vec<u8>) -> Result<()> {
+        self.check(key)?;
         let put = self.wait(self.objects.put(&Key::from(key), bytes.into()));
         put.map_err(self.error("write", key)).map(drop)
     }
 
     /// Removes an object.
     pub(crate) fn remove(&self, key: &str) -> Result<()> {
+        self.check(key)?;
         self.wait(self.objects.delete(&Key::from(key))).map_err(self.error("remove", key))
     }
 
@@ -202,6 +207,7 @@ impl Store {
     /// Small objects in the order of their keys; empty where there is none, or one larger than [`DOCUMENT_LIMIT`]. Several are asked for
     /// at a time: a bucket is far away.
     pub(crate) fn read_each(&self, keys: &[String]) -> Result<Vec<Bytes>> {
+        keys.iter().try_for_each(|key| self.check(key))?;
         let read = async |key: &String| match self.objects.get(&Key::from(key.as_str())).await {
             Ok(found) if found.meta.size <= DOCUMENT_LIMIT => {
                 found.bytes().await.map_err(self.error("read", key))
@@ -214,6 +220,7 @@ impl Store {
 
     /// Gives at most `limit` bytes of an object to `sink`, piece by piece; false if there is no such object.
     fn scan(&self, key: &str, limit: u64, sink: &mut dyn FnMut(Bytes) -> Result<()>) -> Result<bool> {
+        self.check(key)?;
         let found = match self.wait(self.objects.get(&Key::from(key))) {
             Ok(found) => found,
             Err(object_store::Error::NotFound { .. }) => return Ok(false),
@@ -278,8 +285,24 @@ impl Store {
         self.put(&blob_key(digest), bytes)
     }
 
-    /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder.
+    /// Refuses a key that leads out of the store; see [`crate::plain`].
+    pub(crate) fn check(&self, key: &str) -> Result<()> {
+        self.folder.as_ref().map_or(Ok(()), |root| plain::check(root, key))
+    }
+
+    /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder. Refused if a link
+    /// or a special file is among it.
     pub(crate) fn list(&self, prefix: &str) -> Result<Listing> {
+        let (listing, problems) = self.list_with_problems(prefix)?;
+        problems.into_iter().next().map_or(Ok(listing), |first| Err(first.into()))
+    }
+
+    /// The same, with the links and special files beside it.
+    pub(crate) fn list_with_problems(&self, prefix: &str) -> Result<(Listing, Vec<Problem>)> {
+        if let Some(root) = &self.folder {
+            plain::check(root, prefix)?;
+            return plain::list(root, prefix);
+        }
         let location = Key::from(prefix);
         let result = self
             .wait(self.objects.list_with_delimiter(Some(&location)))
@@ -291,11 +314,20 @@ impl Store {
         };
         listing.folders.sort();
         listing.objects.sort();
-        Ok(listing)
+        Ok((listing, Vec::new()))
     }
 
-    /// All objects below the folder `prefix`.
+    /// The links and special files at any depth below the folder `prefix`.
+    pub(crate) fn not_plain(&self, prefix: &str) -> Result<Vec<Problem>> {
+        self.folder.as_ref().map_or(Ok(Vec::new()), |root| plain::find(root, prefix))
+    }
+
+    /// All objects below the folder `prefix`. Refused if a link or a special file is among them.
     pub(crate) fn walk(&self, prefix: &str) -> Result<Vec<Object>> {
+        self.check(prefix)?;
+        if let Some(first) = self.not_plain(prefix)?.into_iter().next() {
+            return Err(first.into());
+        }
         let mut found = Vec::new();
         let mut folders = vec![Key::from(prefix)];
         while let Some(folder) = folders.pop() {
@@ -310,6 +342,7 @@ impl Store {
 
     /// What the store knows about the object `key`; none if there is none.
     pub(crate) fn object(&self, key: &str) -> Result<Option<Object>> {
+        self.check(key)?;
         match self.wait(self.objects.head(&Key::from(key))) {
             Ok(meta) => Ok(Some(meta.into())),
             Err(object_store::Error::NotFound { .. }) => Ok(None),
@@ -319,7 +352,16 @@ impl Store {
 
     pub(crate) fn error(&self, action: &'static str, key: &str) -> impl FnOnce(object_store::Error) -> Error {
         let place = format!("{}/{key}", self.root);
+        #[cfg(feature = "s3")]
+        return move |source| crate::bucket::error(action, place, source);
+        #[cfg(not(feature = "s3"))]
         move |source| Error::Store { action, place, source }
+    }
+
+    /// The same store with other objects, for tests.
+    #[cfg(all(test, feature = "s3"))]
+    pub(crate) fn with_objects(self, objects: Arc<dyn ObjectStore>) -> Self {
+        Self { objects, ..self }
     }
 }
 

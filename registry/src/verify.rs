@@ -14,7 +14,7 @@ use crate::name::ModelName;
 use crate::problem::{Fault, Problem};
 use crate::reference::ModelRef;
 use crate::registry::{Registry, folder_number, version_number};
-use crate::store::{MODELS, blob_key, version_key, versions_key};
+use crate::store::{Listing, MODELS, blob_key, version_key, versions_key};
 use crate::yank::{yank_log, yanks_key};
 
 /// What verification found.
@@ -77,7 +77,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn everything(&mut self) -> Result<()> {
-        let models = self.registry.store.list(MODELS)?;
+        let models = self.list(MODELS)?;
         for object in models.objects {
             self.stray(format!("{MODELS}/{object}"));
         }
@@ -87,11 +87,27 @@ impl Run<'_> {
                 Err(_) => self.stray(format!("{MODELS}/{folder}")),
             }
         }
+        // Those that were met on the way are known.
+        let mut links = self.registry.store.not_plain("")?;
+        links.retain(|link| !self.result.problems.contains(link));
+        self.result.problems.extend(links);
         Ok(())
     }
 
+    /// What lies in the folder `key`; nothing if a link leads there, which is a problem. The links in it are found at the end.
+    fn list(&mut self, key: &str) -> Result<Listing> {
+        match self.registry.store.list_with_problems(key) {
+            Ok((listing, _)) => Ok(listing),
+            Err(Error::Damaged(problem)) => {
+                self.result.problems.push(*problem);
+                Ok(Listing::default())
+            }
+            Err(error) => Err(error),
+        }
+    }
+
     fn model(&mut self, name: &ModelName) -> Result<()> {
-        let objects = self.registry.store.list(&versions_key(name))?.objects;
+        let objects = self.list(&versions_key(name))?.objects;
         for object in objects.iter().filter(|object| version_number(object).is_none()) {
             self.stray(format!("{}/{object}", versions_key(name)));
         }
@@ -129,7 +145,7 @@ impl Run<'_> {
 
     /// The folders in `key`, in which nothing else has a place.
     fn folders(&mut self, key: &str) -> Result<Vec<String>> {
-        let listing = self.registry.store.list(key)?;
+        let listing = self.list(key)?;
         for object in listing.objects {
             self.stray(format!("{key}/{object}"));
         }
@@ -139,7 +155,7 @@ impl Run<'_> {
     /// Verifies all entries of a log: that they are what was written, follow each other, and mean some of `versions`; and the
     /// blobs that they attach.
     fn log(&mut self, log: &Log, versions: &Versions) -> Result<()> {
-        let objects = self.registry.store.list(&log.folder)?.objects;
+        let objects = self.list(&log.folder)?.objects;
         for object in objects.iter().filter(|object| entry_number(object).is_none()) {
             self.stray(format!("{}/{object}", log.folder));
         }
@@ -215,11 +231,16 @@ impl Run<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
     use std::fs;
+    use std::path::Path;
+
+    use serde_json::{Value, json};
 
     use super::*;
-    use crate::fixture::{Place, flip};
+    use crate::fixture::{Place, evaluation, flip};
     use crate::log::{Expect, Remark};
+    use crate::manifest::Provenance;
     use crate::registry::ModelVersion;
 
     /// A registry with two versions of `approach` that share all blobs but the weights, the second one returned.
@@ -249,7 +270,7 @@ mod tests {
 
     #[test]
     fn damaged_blobs_are_found_and_named() {
-        type Damage = fn(&std::path::Path, &str);
+        type Damage = fn(&Path, &str);
         type Expected = fn(&Fault) -> bool;
         let cases: [(Damage, Expected); 3] = [
             (flip, |fault| matches!(fault, Fault::Digest { .. })),
@@ -268,7 +289,7 @@ mod tests {
             let problems = registry.verify(None).unwrap().problems;
             assert_eq!(problems.len(), 1, "{problems:?}");
             assert_eq!(problems[0].model.as_deref(), Some("approach@2"));
-            assert_eq!(problems[0].file.as_deref(), Some("weights.safetensors"));
+            assert_eq!(problems[0].file.as_deref(), Some("weights.bin"));
             assert!(expected(&problems[0].fault), "{}", problems[0]);
             assert!(registry.verify(Some(&"approach@1".parse().unwrap())).unwrap().problems.is_empty());
             let destination = place.path("pulled");
@@ -277,49 +298,183 @@ mod tests {
         }
     }
 
-    /// Wherever the bit is: in a digest, a metric or a space.
-    #[test]
-    fn a_flipped_bit_in_a_manifest_is_found() {
-        let place = Place::local();
-        let (registry, second) = two_versions(&place);
-        let path = place.path("registry").join(version_key(&second.name, 2));
-        let intact = fs::read(&path).unwrap();
-        for position in (0..intact.len()).step_by(11) {
-            let mut damaged = intact.clone();
-            damaged[position] ^= 4;
-            fs::write(&path, damaged).unwrap();
-            let fault = registry.load(&second.name, 2).unwrap_err();
-            assert!(
-                matches!(fault, Error::Damaged(problem) if matches!(problem.fault, Fault::Altered { .. }))
-            );
+    const WEIGHTS: [&[u8]; 2] = [b"one", b"two"];
+
+    /// Pulls into a folder of `out`, which is empty before and afterwards.
+    fn delivers_what_was_published_or_nothing(registry: &Registry, reference: &ModelRef, out: &Path) {
+        match registry.pull(reference, &out.join("pulled")) {
+            Ok(pulled) => {
+                let delivered = fs::read(out.join("pulled/weights.bin")).unwrap();
+                assert_eq!(delivered, WEIGHTS[pulled.version().version as usize - 1]);
+                fs::remove_dir_all(out).unwrap();
+            }
+            Err(error) => {
+                assert!(matches!(error, Error::Damaged(_)), "{error}");
+                let left = fs::read_dir(out).map_or(0, Iterator::count);
+                assert_eq!(left, 0, "{reference} left something behind");
+            }
         }
-        let problems = registry.verify(None).unwrap().problems;
-        assert_eq!(problems.len(), 1);
-        assert_eq!(problems[0].object, "models/approach/versions/000002.json");
-        assert!(registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).is_err());
-        assert!(!place.path("pulled").exists());
-        fs::write(&path, intact).unwrap();
-        flip(&place.path("registry"), &blob_key(second.digest));
-        assert_eq!(registry.verify(None).unwrap().problems[0].object, blob_key(second.digest));
     }
 
-    /// A manifest that is stored correctly but lies about a size.
+    /// Every bit of every object, one at a time: `verify` names the object, or the registry is not opened, and no reference
+    /// gives anything but what was published.
     #[test]
-    fn a_lying_manifest_is_found() {
-        for place in Place::all() {
-            let (registry, second) = two_versions(&place);
-            let mut lying = second.manifest;
-            lying.set_version(3);
-            lying.layers[2].size += 1;
-            let bytes = lying.to_bytes().unwrap();
-            registry.store.put_blob(Digest::of(&bytes), bytes.clone()).unwrap();
-            registry.store.create(&version_key(&second.name, 3), bytes).unwrap();
-            let problems = registry.verify(None).unwrap().problems;
-            assert_eq!(problems.len(), 1);
-            assert_eq!(problems[0].fault, Fault::Size { expected: 12, found: 11 });
-            assert!(registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).is_err());
-            assert!(!place.path("pulled").exists());
+    fn every_flipped_bit_is_found_and_never_delivered() {
+        let [_, place] = Place::all();
+        let registry = place.registry();
+        let published = WEIGHTS.map(|content| {
+            let (name, small) = ("approach".parse().unwrap(), place.path("small"));
+            fs::create_dir_all(&small).unwrap();
+            fs::write(small.join("weights.bin"), content).unwrap();
+            registry.publish(&name, &small, Provenance::default()).unwrap().version().clone()
+        });
+        let references = ["approach@1", "approach@2", "approach", "approach:champion"]
+            .map(|reference| reference.parse::<ModelRef>().unwrap());
+        let (champion, none) = ("champion".parse().unwrap(), Remark::default());
+        for version in &published {
+            registry.set_alias(&champion, version, Expect::Anything, &none).unwrap();
         }
+        registry.yank(&published[1], &none).unwrap();
+        registry.attach(&published[0], &evaluation("error_mm", 0.5), &none).unwrap();
+        assert_eq!(registry.verify(None).unwrap().problems, []);
+        for object in registry.store.walk("").unwrap() {
+            let intact = registry.store.read(&object.key).unwrap().unwrap();
+            for bit in 0..8 * intact.len() {
+                let mut damaged = intact.clone();
+                damaged[bit / 8] ^= 1 << (bit % 8);
+                registry.store.put(&object.key, damaged).unwrap();
+                if object.key == "registry.json" {
+                    assert!(Registry::on(registry.store.clone()).is_err(), "bit {bit}");
+                    continue;
+                }
+                let problems = registry.verify(None).unwrap().problems;
+                let named = problems.iter().all(|problem| problem.object == object.key);
+                assert!(named && !problems.is_empty(), "bit {bit} of {}: {problems:?}", object.key);
+                // `pull` begins with what `show` gives and reads nothing but its files: where none of them is damaged, one pull
+                // for each object is enough.
+                for reference in &references {
+                    let shown = registry.show(reference);
+                    let is_read = |version: &ModelVersion| {
+                        version.manifest.layers.iter().any(|layer| blob_key(layer.digest) == object.key)
+                    };
+                    if bit == 0 || shown.as_ref().map_or(true, is_read) {
+                        delivers_what_was_published_or_nothing(&registry, reference, &place.path("out"));
+                    } else {
+                        assert!(
+                            published.iter().any(|version| version.digest == shown.as_ref().unwrap().digest)
+                        );
+                    }
+                }
+            }
+            registry.store.put(&object.key, intact).unwrap();
+        }
+    }
+
+    /// What a manifest may say that is stored correctly, with its copy, but lies.
+    #[test]
+    fn lying_manifests_are_refused() {
+        type Lie = fn(&mut Value);
+        let cases: [(&str, Lie); 22] = [
+            ("has 11 bytes, expected 0", |m| m["layers"][2]["size"] = 0.into()),
+            ("has 11 bytes, expected 12", |m| m["layers"][2]["size"] = 12.into()),
+            ("has 11 bytes, expected 18446744073709551615", |m| m["layers"][2]["size"] = u64::MAX.into()),
+            ("invalid value: integer `-1`", |m| m["layers"][2]["size"] = (-1).into()),
+            ("floating point", |m| m["layers"][2]["size"] = 11.5.into()),
+            ("`sha256:../../x` is not a digest", |m| m["layers"][2]["digest"] = "sha256:../../x".into()),
+            ("is missing", |m| m["layers"][2]["digest"] = Digest::of(b"nothing").to_string().into()),
+            ("`../x` cannot be a file", |m| set_path(m, "../x")),
+            ("`state/../../x` cannot be a file", |m| set_path(m, "state/../../x")),
+            ("`/tmp/x` cannot be a file", |m| set_path(m, "/tmp/x")),
+            ("`C:\\x` cannot be a file", |m| set_path(m, "C:\\x")),
+            ("`..\\x` cannot be a file", |m| set_path(m, "..\\x")),
+            ("`a\0b` cannot be a file", |m| set_path(m, "a\0b")),
+            ("`a//b` cannot be a file", |m| set_path(m, "a//b")),
+            ("`` cannot be a file", |m| set_path(m, "")),
+            ("`NUL` cannot be a file on Windows", |m| set_path(m, "NUL")),
+            ("`config.toml` is named twice", |m| set_path(m, "config.toml")),
+            ("`config.toml` is a file and the folder", |m| set_path(m, "config.toml/x")),
+            ("`` cannot be a file", |m| m["layers"][2]["annotations"] = json!({})),
+            ("it names no files", |m| m["layers"] = json!([])),
+            ("is `avoid`, expected `approach`", |m| {
+                m["annotations"]["org.opencontainers.image.title"] = "avoid".into();
+            }),
+            ("has 11 bytes, expected 12", |m| {
+                m["layers"][2]["size"] = 12.into();
+                let layer = m["layers"][2].clone();
+                for number in 0..5000 {
+                    let mut layer = layer.clone();
+                    layer["annotations"]["org.cncf.model.filepath"] = format!("more/{number}").into();
+                    m["layers"].as_array_mut().unwrap().push(layer);
+                }
+            }),
+        ];
+        let place = Place::local();
+        let (registry, second) = two_versions(&place);
+        for (told, lie) in cases {
+            let mut manifest = serde_json::to_value(&second.manifest).unwrap();
+            manifest["annotations"]["org.opencontainers.image.version"] = "3".into();
+            lie(&mut manifest);
+            refused(&place, &registry, manifest.to_string().into_bytes(), told);
+        }
+    }
+
+    fn set_path(manifest: &mut Value, path: &str) {
+        manifest["layers"][2]["annotations"]["org.cncf.model.filepath"] = path.into();
+    }
+
+    /// Puts `manifest` at version 3, which is found wrong and not delivered, and takes it away again.
+    fn refused(place: &Place, registry: &Registry, manifest: Vec<u8>, told: &str) {
+        let name = "approach".parse().unwrap();
+        registry.store.put_blob(Digest::of(&manifest), manifest.clone()).unwrap();
+        registry.store.create(&version_key(&name, 3), manifest).unwrap();
+        let around = || {
+            let entries = fs::read_dir(place.path("")).unwrap();
+            entries.map(|entry| entry.unwrap().file_name()).collect::<BTreeSet<_>>()
+        };
+        let before = around();
+        let problems = registry.verify(None).unwrap().problems;
+        assert!(
+            problems.iter().all(|problem| problem.model.as_deref() == Some("approach@3")),
+            "{problems:?}"
+        );
+        assert!(
+            problems.first().is_some_and(|problem| problem.to_string().contains(told)),
+            "{told}: {problems:?}"
+        );
+        let refusal = registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).unwrap_err();
+        assert!(matches!(refusal, Error::Damaged(_)) && refusal.to_string().contains(told), "{refusal}");
+        assert_eq!(around(), before);
+        registry.store.remove(&version_key(&name, 3)).unwrap();
+    }
+
+    #[test]
+    fn manifests_too_large_or_too_deep_are_refused() {
+        let cases = [
+            ("more than 4194304 bytes", vec![b' '; 5 << 20]),
+            ("recursion limit", (r#"{"interface":{"x":"#.to_owned() + &"[".repeat(100_000)).into_bytes()),
+            ("EOF while parsing", Vec::new()),
+        ];
+        for place in Place::all() {
+            let (registry, _) = two_versions(&place);
+            for (told, manifest) in &cases {
+                refused(&place, &registry, manifest.clone(), told);
+            }
+        }
+    }
+
+    /// Nothing of the configuration is delivered: only `verify` and an export that holds it look at it.
+    #[test]
+    fn a_wrong_size_of_the_configuration_is_found() {
+        let place = Place::local();
+        let (registry, mut second) = two_versions(&place);
+        second.manifest.set_version(3);
+        second.manifest.config.size += 1;
+        let manifest = second.manifest.to_bytes().unwrap();
+        registry.store.put_blob(Digest::of(&manifest), manifest.clone()).unwrap();
+        registry.store.create(&version_key(&second.name, 3), manifest).unwrap();
+        assert!(matches!(registry.verify(None).unwrap().problems[0].fault, Fault::Size { .. }));
+        assert!(registry.export_oci(&"approach".parse().unwrap(), &place.path("layout")).is_err());
+        assert!(!place.path("layout").exists());
     }
 
     /// Two versions with an alias and a yanked one, four entries in all.
@@ -336,37 +491,6 @@ mod tests {
     }
 
     const ALIAS: &str = "models/approach/aliases/champion";
-    const YANK: &str = "models/approach/yanks/000001";
-
-    #[test]
-    fn a_flipped_bit_in_an_entry_or_its_copy_is_found() {
-        let place = Place::local();
-        let (registry, _) = with_entries(&place);
-        let found = registry.verify(None).unwrap();
-        assert_eq!((found.entries, found.problems.len()), (4, 0), "{found:?}");
-        let root = place.path("registry");
-        for folder in [ALIAS, YANK] {
-            for number in 1..=2 {
-                let key = format!("{folder}/{number:09}.json");
-                let intact = fs::read(root.join(&key)).unwrap();
-                for position in (0..intact.len()).step_by(5) {
-                    let mut damaged = intact.clone();
-                    damaged[position] ^= 1 << (position % 8);
-                    fs::write(root.join(&key), damaged).unwrap();
-                    let problems = registry.verify(None).unwrap().problems;
-                    assert_eq!(problems.len(), 1, "{problems:?}");
-                    assert!(problems[0].object == key && matches!(problems[0].fault, Fault::Altered { .. }));
-                }
-                fs::write(root.join(&key), &intact).unwrap();
-                let copy = blob_key(Digest::of(&intact));
-                flip(&root, &copy);
-                assert_eq!(registry.verify(None).unwrap().problems[0].object, copy);
-                flip(&root, &copy);
-            }
-        }
-        assert!(registry.verify(None).unwrap().problems.is_empty());
-    }
-
     #[test]
     fn holes_strays_and_entries_that_mean_nothing_are_found() {
         let place = Place::local();

@@ -83,6 +83,12 @@ def checkpoint(name, weights):
     return name
 
 
+def safetensors(data):
+    """A file with these bytes as its one tensor."""
+    header = json.dumps({"w": {"dtype": "U8", "shape": [len(data)], "data_offsets": [0, len(data)]}}).encode()
+    return len(header).to_bytes(8, "little") + header + data
+
+
 def keys(s3, bucket):
     pages = s3.get_paginator("list_objects_v2").paginate(Bucket=bucket)
     return [entry["Key"] for page in pages for entry in page.get("Contents", [])]
@@ -121,7 +127,7 @@ def races(server):
         reader = pool.submit(read)
         try:
             for round_ in range(ROUNDS):
-                weights = [f"{round_} {i} ".encode() * 5000 for i in range(PUBLISHERS)]
+                weights = [safetensors(f"{round_} {i} ".encode() * 5000) for i in range(PUBLISHERS)]
                 runs = [checkpoint(f"run{i}", content) for i, content in enumerate(weights)]
                 versions = pool.map(lambda run: result("publish", run, "approach", *place)["version"], runs)
                 for version, content in zip(versions, weights):
@@ -178,7 +184,7 @@ def peak_memory(process):
 
 def large(s3):
     place = ("--registry", "s3://lab/large")
-    weights = os.urandom(100_000_000)
+    weights = safetensors(os.urandom(100_000_000))
     checkpoint("large", weights)
     begun = time.monotonic()
     publisher = subprocess.Popen([FLOWSERVO, "model", "publish", "large", "approach", *place], stdout=subprocess.DEVNULL)

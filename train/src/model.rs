@@ -217,6 +217,39 @@ mod tests {
         assert!(error.contains("horizontal_fov_deg = 60, and this one has 75"), "{error}");
     }
 
+    /// Weights whose digest is right, so that whoever reads them has to look.
+    #[test]
+    fn weights_that_lie_about_their_sizes_are_refused() {
+        let (_directory, checkpoint) = trained(Kind::Avoidance);
+        let (weights, model) = (checkpoint.join("weights.safetensors"), checkpoint.join("model.json"));
+        let mut info: serde_json::Value = serde_json::from_str(&fs::read_to_string(&model).unwrap()).unwrap();
+        let file = |length: u64, header: &str| [&length.to_le_bytes()[..], header.as_bytes()].concat();
+        let bias = |shape: &str, offsets: &str| {
+            let header = format!(
+                r#"{{"head.hidden1.bias":{{"dtype":"F32","shape":{shape},"data_offsets":{offsets}}}}}"#
+            );
+            file(header.len() as u64, &header)
+        };
+        let lies = [
+            Vec::new(),
+            file(u64::MAX, "{}"),
+            file(100_000_001, "{}"),
+            file(3, "{}"),
+            bias("[4611686018427387904]", "[0,0]"),
+            bias("[1099511627776]", "[0,4398046511104]"),
+            bias("[1099511627776,0]", "[0,0]"),
+            bias("[8]", "[32,0]"),
+        ];
+        for lie in lies {
+            fs::write(&weights, &lie).unwrap();
+            info["weights_sha256"] = datagen::publish::digest(&lie).into();
+            fs::write(&model, info.to_string()).unwrap();
+            let refusal = AvoidModel::load(&checkpoint, &Device::flex()).unwrap_err();
+            assert!(matches!(refusal, Error::Checkpoint { .. }), "{refusal}");
+            assert!(refusal.to_string().contains("weights.safetensors"), "{refusal}");
+        }
+    }
+
     #[test]
     fn a_foreign_or_damaged_checkpoint_is_named() {
         let (_directory, checkpoint) = trained(Kind::Avoidance);

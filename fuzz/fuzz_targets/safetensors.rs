@@ -1,0 +1,8 @@
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    let read = safetensors::SafeTensors::deserialize(data);
+    if registry::fuzzing::safetensors(data) {
+        assert!(read.is_ok(), "published and cannot be read: {read:?}");
+    }
+});
