@@ -18,7 +18,7 @@ use crate::checkpoint::fingerprint;
 use crate::digest::{Digest, Fingerprint, hash_meanwhile};
 use crate::error::{Error, Result};
 use crate::plain;
-use crate::store::{BLOBS, Store, blob_key, read_part};
+use crate::store::{BLOBS, PIECE, Store, blob_key, read_part};
 
 /// Bytes of a part of a large blob. Object stores want equal parts of at least 5 MiB.
 const PART: usize = 8 << 20;
@@ -112,7 +112,7 @@ fn copy(source: &Path, folder: &Path, is_kept: IsKept) -> Result<Fingerprint> {
     let mut staged = Staged::new(&folder.join(BLOBS))?;
     let ((), content) = hash_meanwhile(|hash| {
         loop {
-            let part = Bytes::from(read_part(&mut file, PART).map_err(Error::io("read", source))?);
+            let part = Bytes::from(read_part(&mut file, PIECE).map_err(Error::io("read", source))?);
             if part.is_empty() {
                 // What was said to be published must outlive a power cut.
                 return staged.file.sync_all().map_err(Error::io("write", &staged.path));

@@ -34,7 +34,7 @@ pub(crate) const BLOBS: &str = "blobs";
 const REQUESTS_UNDER_WAY: usize = 16;
 
 /// Bytes that are read from a file at a time.
-const PIECE: usize = 1 << 20;
+pub(crate) const PIECE: usize = 1 << 20;
 
 /// How often an object is asked for that is said to be there and is not.
 const CREATE_ATTEMPTS: u32 = 8;
