@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# How fast 100 MB are published into a folder and pulled, beside what the disk and the digest alone take, in turn:
+# registry/benches/speed.sh [--rounds N] [FLOWSERVO]
+#
+# FLOWSERVO is the program, built with --release; by default the one that was built last. Each round measures SHA-256 by openssl, a copy
+# by dd that ends when it is on the disk, `model publish` into a new registry, and `model pull`. Printed are the medians, and
+# which share of the speed of either publishing and pulling reach. Run it on an idle machine; it needs 500 MB of the disk that
+# TMPDIR is on.
+set -euo pipefail
+rounds=9
+[ "${1:-}" != --rounds ] || { rounds="$2"; shift 2; }
+target="${CARGO_TARGET_DIR:-$(dirname "${BASH_SOURCE[0]}")/../../target}"
+flowservo="$(realpath "${1:-$target/release/flowservo}")"
+[ -x "$flowservo" ] || { echo "build it first: cargo build --release" >&2; exit 1; }
+
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+mkdir checkpoint
+header='{"w":{"dtype":"F32","shape":[25000000],"data_offsets":[0,100000000]}}   '
+{
+    printf "\\x$(printf %02x ${#header})\\0\\0\\0\\0\\0\\0\\0%s" "$header"
+    head -c 100000000 /dev/urandom
+} >checkpoint/weights.safetensors
+digest="$(openssl dgst -sha256 -r checkpoint/weights.safetensors | cut -d ' ' -f 1)"
+cat >checkpoint/model.json <<END
+{"format": 2, "task": {"kind": "avoidance", "network": {"trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8}},
+ "standardization": null, "camera": {"width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0},
+ "datasets": [], "seed": 5, "epoch": null, "weights_sha256": "$digest"}
+END
+echo 'seed = 5' >checkpoint/config.toml
+
+measure() { # NAME, COMMAND
+    local begun
+    sync
+    begun="$(date +%s%N)"
+    "${@:2}" >log 2>&1 || { cat log >&2; exit 1; }
+    echo $((($(date +%s%N) - begun) / 1000000)) >>"$1.ms"
+}
+for _ in $(seq "$rounds"); do
+    rm -rf registry pulled copy
+    measure digest openssl dgst -sha256 checkpoint/weights.safetensors
+    measure disk dd if=checkpoint/weights.safetensors of=copy bs=1M conv=fsync
+    measure publish "$flowservo" model publish checkpoint big --registry registry
+    measure pull "$flowservo" model pull big@1 --registry registry --out pulled
+done
+
+median() { sort -n "$1.ms" | sed -n "$(((rounds + 1) / 2))p"; }
+digest="$(median digest)" disk="$(median disk)"
+echo "100 MB, medians of $rounds rounds: digest $digest ms, disk $disk ms"
+for what in publish pull; do
+    took="$(median $what)"
+    awk -v what=$what -v took="$took" -v digest="$digest" -v disk="$disk" \
+        'BEGIN { printf "%-8s %4d ms, %.2f of the digest'\''s speed, %.2f of the disk'\''s\n", what, took, digest / took, disk / took }'
+done
