@@ -32,6 +32,15 @@ fn lineage(folder: &Folder, model: &str) -> (Value, Value) {
 }
 
 #[test]
+fn a_folder_that_is_no_checkpoint_does_not_hide_a_model() {
+    let folder = published();
+    folder.write("approach/notes.md", "our plans");
+    let began = folder.run(&train("--from approach --out second")).ok();
+    assert!(began.stderr().contains("begins from approach@1"), "{}", began.stderr());
+    folder.run(&train("--from first --out third")).fails(2, &["first has no model.json", "no model `first`"]);
+}
+
+#[test]
 fn the_next_version_names_the_one_that_it_began_from() {
     let folder = published();
     let second = folder.run(&train("--from approach:champion --out second")).ok();
@@ -82,7 +91,7 @@ fn what_no_run_can_begin_from_is_refused_before_anything_is_written() {
     let begin = |from: &str| folder.run(&train(&format!("--out run --from {from}")));
     for unknown in ["approach@7", "approach:challenger", "nowhere", "no/where"] {
         begin(unknown)
-            .fails(2, &[unknown, "neither a checkpoint's folder nor a model in the registry models"]);
+            .fails(2, &[unknown, "is no checkpoint's folder, and cannot be had from the registry models"]);
     }
     begin("approach --registry elsewhere").fails(2, &["approach", "elsewhere"]);
     begin("approach --set network.width=0.04").fails(1, &["approach@1 has network.width = 0.02", "has 0.04"]);

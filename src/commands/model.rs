@@ -13,6 +13,7 @@ use registry::{
     Verification,
 };
 use std::path::{Path, PathBuf};
+use train::checkpoint::MODEL;
 
 /// Runs one of the commands.
 pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
@@ -144,14 +145,21 @@ pub(crate) fn checkpoint(model: &str, registry: &Location) -> Result<PathBuf> {
 /// the registry's content, or here if that is in a bucket.
 pub(crate) fn find(model: &str, registry: &Location) -> Result<(PathBuf, Option<ModelVersion>)> {
     let folder = PathBuf::from(model);
-    if folder.is_dir() {
+    // Any other folder may have a model's name by chance.
+    if folder.join(MODEL).is_file() {
         return Ok((folder, None));
     }
-    let unknown =
-        || format!("{model} is neither a checkpoint's folder nor a model in the registry {registry}");
+    let unknown = || {
+        let fault = if folder.is_dir() { "has no model.json" } else { "is no checkpoint's folder" };
+        format!("{model} {fault}, and cannot be had from the registry {registry}")
+    };
     let reference: ModelRef = model.parse().map_err(bad_input).with_context(unknown)?;
     let opened = Registry::open(registry).map_err(bad_input).with_context(unknown)?;
-    let version = opened.show(&reference).map_err(bad_input).with_context(unknown)?;
+    let version = opened.show(&reference).map_err(|error| match error {
+        // What is damaged was named rightly.
+        registry::Error::Damaged(_) => error.into(),
+        _ => bad_input(error).context(unknown()),
+    })?;
     warn(&version);
     let name = format!("{}-{}", version.name, version.version);
     let target = match registry.folder() {

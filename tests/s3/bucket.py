@@ -206,6 +206,37 @@ def large(s3):
     assert not Path("never").exists()
 
 
+def use():
+    """A network is trained, published, and used from the bucket."""
+    place = ("--registry", "s3://lab/used")
+    configs = Path(__file__).resolve().parents[2] / "configs"
+
+    def flowservo(*arguments):
+        done = subprocess.run([FLOWSERVO, *map(str, arguments)], capture_output=True, text=True)
+        assert done.returncode == 0, f"{arguments}\n{done.stdout}{done.stderr}"
+        return done.stdout
+
+    small = ("width=64", "height=48")
+    camera = [argument for size in small for argument in ("--set", f"world.camera.{size}")]
+    flowservo("dataset", "generate", configs / "datasets/avoid.toml", "--out", "avoid", "--set", "count=16", *camera)
+    flowservo("dataset", "replay", "avoid", 3, "--out", "images")
+    settings = ("network.width=0.1", "network.head=16", "network.input=[64,48]", "optimizer.batch=4", "phases.0.epochs=1")
+    train = ["train", configs / "train/avoid.toml", "--data", "avoid", "--set", "validation=0.25"]
+    train += [argument for setting in settings for argument in ("--set", setting)]
+    flowservo(*train, "--out", "runs/first")
+    run("publish", "runs/first/best", "avoid", *place)
+    run("alias", "avoid", "champion", "1", *place)
+    image = next(Path("images").glob("*.png"))
+    expected = run("predict", "runs/first/best", str(image), "--json")
+    for reference in ("avoid", "avoid@1", "avoid:champion"):
+        assert run("predict", reference, str(image), "--json", *place) == expected
+    flowservo(*train, "--out", "runs/second", "--from", "avoid:champion", *place)
+    run("publish", "runs/second/best", "avoid", *place)
+    first, second = (result("show", f"avoid@{number}", *place) for number in (1, 2))
+    assert second["manifest"]["lineage"]["parent"] == first["digest"]
+    run("verify", *place)
+
+
 def main():
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server = Server()
@@ -226,6 +257,7 @@ def main():
         lost_answers(server)
         kills()
         large(s3)
+        use()
     print("the registry in a bucket keeps its promises")
 
 

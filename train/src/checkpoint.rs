@@ -34,7 +34,8 @@ use crate::warm_start::Parent;
 
 /// Version of the directory's form.
 const FORMAT: u32 = 2;
-const MODEL: &str = "model.json";
+/// Name of the file that says what a checkpoint is.
+pub const MODEL: &str = "model.json";
 /// Name of the file with the weights.
 pub const WEIGHTS: &str = "weights.safetensors";
 const CONFIG: &str = "config.toml";
