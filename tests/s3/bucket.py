@@ -100,7 +100,7 @@ def creation(s3):
     assert keys(s3, "lab") == ["models/registry.json"], "the probe is gone"
     refusal = run("init", "--registry", "s3://forgetful/models", code=1)
     assert "s3://forgetful/models" in refusal and "ignores the condition" in refusal, refusal
-    refusal = run("publish", checkpoint("run", b"x"), "approach", "--registry", "s3://forgetful", code=1)
+    refusal = run("publish", checkpoint("run", safetensors(b"x")), "approach", "--registry", "s3://forgetful", code=1)
     assert "ignores the condition" in refusal, refusal
     assert keys(s3, "forgetful") == []
     assert "no registry here" in run("list", "--registry", "s3://lab/other", code=1)
@@ -148,7 +148,7 @@ def races(server):
 
 def lost_answers(server):
     for number in range(1, 4):
-        said = run("publish", checkpoint("run", b"%d" % number), "approach", "--registry", "s3://lossy")
+        said = run("publish", checkpoint("run", safetensors(b"%d" % number)), "approach", "--registry", "s3://lossy")
         assert f"published approach@{number}" in said, said
     assert len(server.answered) == 3
     run("verify", "--registry", "s3://lossy")
@@ -158,7 +158,7 @@ def kills():
     place = ("--registry", "s3://lab/killed")
     for number in range(1, 11):
         # Every other is large enough to be sent in parts.
-        checkpoint("run", b"%08d" % number * (2_000_000 if number % 2 else 10))
+        checkpoint("run", safetensors(b"%08d" % number * (2_000_000 if number % 2 else 10)))
         publisher = subprocess.Popen(
             [FLOWSERVO, "model", "publish", "run", "approach", *place], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
