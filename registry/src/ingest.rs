@@ -1,8 +1,8 @@
 //! How a file becomes a blob.
 //!
-//! A folder takes it in one pass: it is copied beside the blobs while it is hashed, and gets the name of its digest when that is
-//! known. A bucket wants the name first: there the file is hashed, then sent, and hashed again on the way, since it may have changed
-//! in between.
+//! A folder takes it in one pass: it is copied beside the blobs while it is hashed, and gets the name of its digest when that
+//! is known. A bucket wants the name first: there the file is hashed, then sent, and hashed again on the way, since it may
+//! have changed in between.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};

@@ -14,17 +14,18 @@
 //!
 //! Publishing writes blobs first and the numbered manifest last, so an interrupted publication leaves only blobs that no
 //! version names. A numbered manifest also stands among the blobs, byte for byte: the number finds it, the digest
-//! proves it. So do entries about aliases, yanked versions and attachments, each of which also names the digest of the one before. What
-//! nothing names any more is garbage, the only thing that is ever deleted. Manifests are OCI image manifests with the media
-//! types of the CNCF model format (<https://github.com/modelpack/model-spec>). A version leaves the registry as a folder, an OCI
-//! image layout or a folder for the Hugging Face Hub, comes back from the latter two, and is signed by the rules of OpenSSF Model
-//! Signing.
+//! proves it. So do entries about aliases, yanked versions and attachments, each of which also names the digest of the one
+//! before. What nothing names any more is garbage, the only thing that is ever deleted. Manifests are OCI image manifests
+//! with the media types of the CNCF model format (<https://github.com/modelpack/model-spec>). A version leaves the registry
+//! as a folder, an OCI image layout or a folder for the Hugging Face Hub, comes back from the latter two, and is signed by
+//! the rules of OpenSSF Model Signing.
 //!
 //! A registry is a folder or, with the feature `s3`, a place in a bucket, in the same layout. Whoever creates one first sees
 //! whether the store keeps the one promise that all this rests on: that an object is created only where there is none.
 //!
-//! Nothing that comes from elsewhere is taken at its word: paths stay inside the folder that they are delivered to, sizes and headers
-//! of weights are checked, and in a registry on a folder no symbolic link is followed. What the parsers promise is in `fuzz/`.
+//! Nothing that comes from elsewhere is taken at its word: paths stay inside the folder that they are delivered to, sizes and
+//! headers of weights are checked, and in a registry on a folder no symbolic link is followed. What the parsers promise is in
+//! `fuzz/`.
 //!
 //! This crate knows files, not networks that learn; it has no clock and no randomness.
 #![forbid(unsafe_code)]

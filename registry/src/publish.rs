@@ -107,8 +107,9 @@ impl Registry {
         }
     }
 
-    /// Whether a blob need not be written: it is intact, and no garbage that might be deleted before a manifest names it. A small one is
-    /// written sooner than that is found out. `references` are read when the first large blob is met that is there.
+    /// Whether a blob need not be written: it is intact, and no garbage that might be deleted before a manifest names it. A
+    /// small one is written sooner than that is found out. `references` are read when the first large blob is met that is
+    /// there.
     fn is_kept(&self, content: Fingerprint, references: &mut Option<References>) -> Result<bool> {
         if content.size <= SMALL || self.store.inspect_blob(content.digest)? != Some(content) {
             return Ok(false);

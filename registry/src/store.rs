@@ -204,8 +204,8 @@ impl Store {
         Ok(found.then_some(bytes))
     }
 
-    /// Small objects in the order of their keys; empty where there is none, or one larger than [`DOCUMENT_LIMIT`]. Several are asked for
-    /// at a time: a bucket is far away.
+    /// Small objects in the order of their keys; empty where there is none, or one larger than [`DOCUMENT_LIMIT`]. Several
+    /// are asked for at a time: a bucket is far away.
     pub(crate) fn read_each(&self, keys: &[String]) -> Result<Vec<Bytes>> {
         keys.iter().try_for_each(|key| self.check(key))?;
         let read = async |key: &String| match self.objects.get(&Key::from(key.as_str())).await {
@@ -290,8 +290,8 @@ impl Store {
         self.folder.as_ref().map_or(Ok(()), |root| plain::check(root, key))
     }
 
-    /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder. Refused if a link
-    /// or a special file is among it.
+    /// What lies directly in the folder `prefix`, the root if it is empty; nothing if there is no such folder. Refused if a
+    /// link or a special file is among it.
     pub(crate) fn list(&self, prefix: &str) -> Result<Listing> {
         let (listing, problems) = self.list_with_problems(prefix)?;
         problems.into_iter().next().map_or(Ok(listing), |first| Err(first.into()))

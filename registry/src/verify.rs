@@ -33,7 +33,8 @@ pub struct Verification {
 
 impl Registry {
     /// Reads every byte of the version that `reference` names and of what is attached to it, or of all versions, their
-    /// attachments, aliases and yanks, and says what is not as published. A number that is missing below the newest is a problem too: versions and entries are never removed.
+    /// attachments, aliases and yanks, and says what is not as published. A number that is missing below the newest is a
+    /// problem too: versions and entries are never removed.
     ///
     /// Blobs that no version names are no problem: an interrupted publication leaves them.
     pub fn verify(&self, reference: Option<&ModelRef>) -> Result<Verification> {

@@ -1,7 +1,8 @@
 //! Networks, training loop and checkpoints (paper, Section 4).
 //!
-//! Datasets become [`examples`], their images decoded once or for every batch; [`fit`](mod@fit) takes the [`network`] of a [`config`] through them and leaves
-//! [`checkpoint`]s; a [`model`] reads one and maps images to pose changes or avoidance maps.
+//! Datasets become [`examples`], their images decoded once or for every batch; [`fit`](mod@fit) takes the [`network`] of a
+//! [`config`] through them and leaves [`checkpoint`]s; a [`model`] reads one and maps images to pose changes or avoidance
+//! maps.
 //!
 //! **Invariant:** weights are a pure function of configuration and data, on the CPU to the bit, no matter how often the
 //! run was interrupted.

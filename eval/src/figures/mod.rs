@@ -1,4 +1,5 @@
-//! The paper's figures, drawn from sessions, and contact sheets of datasets: SVG with everything inside, and what must be said beside it.
+//! The paper's figures, drawn from sessions, and contact sheets of datasets: SVG with everything inside, and what must be
+//! said beside it.
 
 pub mod avoidance_maps;
 pub mod contact_sheet;

@@ -21,7 +21,8 @@ pub fn example(records: &[SessionRecord]) -> Option<&SessionRecord> {
         .or(records.first())
 }
 
-/// Snapshots at the start, when two thirds and one third of the distance are left, and at the end; below, the initial, goal and final image.
+/// Snapshots at the start, when two thirds and one third of the distance are left, and at the end; below, the initial, goal
+/// and final image.
 pub fn figure_7(environment: &Environment, record: &SessionRecord) -> Result<Figure> {
     const LABEL: f64 = 26.0;
     let camera = &environment.camera;
