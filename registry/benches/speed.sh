@@ -9,26 +9,16 @@
 set -euo pipefail
 rounds=9
 [ "${1:-}" != --rounds ] || { rounds="$2"; shift 2; }
-target="${CARGO_TARGET_DIR:-$(dirname "${BASH_SOURCE[0]}")/../../target}"
+repository="$(dirname "${BASH_SOURCE[0]}")/../.."
+. "$repository/tests/checkpoint.sh"
+target="${CARGO_TARGET_DIR:-$repository/target}"
 flowservo="$(realpath "${1:-$target/release/flowservo}")"
 [ -x "$flowservo" ] || { echo "build it first: cargo build --release" >&2; exit 1; }
 
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 cd "$work"
-mkdir checkpoint
-header='{"w":{"dtype":"F32","shape":[25000000],"data_offsets":[0,100000000]}}   '
-{
-    printf "\\x$(printf %02x ${#header})\\0\\0\\0\\0\\0\\0\\0%s" "$header"
-    head -c 100000000 /dev/urandom
-} >checkpoint/weights.safetensors
-digest="$(openssl dgst -sha256 -r checkpoint/weights.safetensors | cut -d ' ' -f 1)"
-cat >checkpoint/model.json <<END
-{"format": 2, "task": {"kind": "avoidance", "network": {"trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8}},
- "standardization": null, "camera": {"width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0},
- "datasets": [], "seed": 5, "epoch": null, "weights_sha256": "$digest"}
-END
-echo 'seed = 5' >checkpoint/config.toml
+checkpoint run 25000000
 
 measure() { # NAME, COMMAND
     local begun
@@ -39,9 +29,9 @@ measure() { # NAME, COMMAND
 }
 for _ in $(seq "$rounds"); do
     rm -rf registry pulled copy
-    measure digest openssl dgst -sha256 checkpoint/weights.safetensors
-    measure disk dd if=checkpoint/weights.safetensors of=copy bs=1M conv=fsync
-    measure publish "$flowservo" model publish checkpoint big --registry registry
+    measure digest openssl dgst -sha256 run/weights.safetensors
+    measure disk dd if=run/weights.safetensors of=copy bs=1M conv=fsync
+    measure publish "$flowservo" model publish run big --registry registry
     measure pull "$flowservo" model pull big@1 --registry registry --out pulled
 done
 

@@ -385,7 +385,7 @@ mod tests {
             ("is missing", |m| m["layers"][2]["digest"] = Digest::of(b"nothing").to_string().into()),
             ("`../x` cannot be a file", |m| set_path(m, "../x")),
             ("`state/../../x` cannot be a file", |m| set_path(m, "state/../../x")),
-            ("`/tmp/x` cannot be a file", |m| set_path(m, "/tmp/x")),
+            ("`/etc/x` cannot be a file", |m| set_path(m, "/etc/x")),
             ("`C:\\x` cannot be a file", |m| set_path(m, "C:\\x")),
             ("`..\\x` cannot be a file", |m| set_path(m, "..\\x")),
             ("`a\0b` cannot be a file", |m| set_path(m, "a\0b")),

@@ -7,8 +7,9 @@ set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 target="${CARGO_TARGET_DIR:-$here/../../target}"
 . "$here/../python/environment.sh"
+. "$here/../checkpoint.sh"
 
-for tool in skopeo docker-registry; do
+for tool in openssl skopeo docker-registry; do
     command -v "$tool" >/dev/null || skip "${FLOWSERVO_REQUIRE_OCI:-0}" "no $tool; apt-get install skopeo docker-registry"
 done
 flowservo="${1:-$(ls -t "$target"/{debug,release}/flowservo 2>/dev/null | head -n 1)}" || true
@@ -20,16 +21,7 @@ server=
 trap '[ -z "$server" ] || kill "$server"; rm -rf "$work"' EXIT
 cd "$work"
 
-mkdir checkpoint
-# One number, in the form of safetensors: the header's length, the header, the number.
-printf '\x37\0\0\0\0\0\0\0{"w":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}} \0\0\x80\x3f' >checkpoint/weights.safetensors
-digest="$(sha256sum checkpoint/weights.safetensors | cut -d ' ' -f 1)"
-cat >checkpoint/model.json <<END
-{"format": 2, "task": {"kind": "avoidance", "network": {"trunk": "flownet_s", "width": 0.1, "input": [32, 24], "head": 8}},
- "standardization": null, "camera": {"width": 32, "height": 24, "horizontal_fov_deg": 60.0, "behind_hand_mm": 100.0},
- "datasets": [], "seed": 5, "epoch": null, "weights_sha256": "$digest"}
-END
-echo 'seed = 5' >checkpoint/config.toml
+checkpoint run 100
 
 port="$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])' 2>/dev/null || echo 5117)"
 cat >server.yml <<END
@@ -42,7 +34,7 @@ docker-registry serve server.yml >server.log 2>&1 &
 server=$!
 
 quietly() { "$@" >log 2>&1 || { cat log server.log >&2; exit 1; }; }
-quietly "$flowservo" model publish checkpoint approach --registry ours
+quietly "$flowservo" model publish run approach --registry ours
 quietly "$flowservo" model export approach@1 --format oci --out layout --registry ours
 copy=(skopeo --insecure-policy copy --src-tls-verify=false --dest-tls-verify=false)
 there="docker://127.0.0.1:$port/lab/approach:1"
