@@ -133,7 +133,20 @@ impl ModelInfo {
             let problem = format!("it has format {format}, and this program reads format {FORMAT}");
             return Err(Error::Checkpoint { path, problem });
         }
-        read_json(&path)
+        let info: Self = read_json(&path)?;
+        match info.fault() {
+            None => Ok(info),
+            Some(problem) => Err(Error::Checkpoint { path, problem }),
+        }
+    }
+
+    /// What makes no network of it: it may come from anybody.
+    fn fault(&self) -> Option<String> {
+        if let Err(error) = self.task.validate() {
+            return Some(error.to_string());
+        }
+        let fits = self.standardization.as_ref().is_none_or(Standardization::fits::<6>);
+        (!fits).then(|| "standardization: expected 6 means and 6 scales above 0".to_owned())
     }
 
     /// The same, if the weights are those that it speaks of.

@@ -147,7 +147,7 @@ impl Task {
         Some([key, was, is])
     }
 
-    fn validate(&self) -> Result<()> {
+    pub(crate) fn validate(&self) -> Result<()> {
         match self {
             Self::Approach { network, .. } => Ok(network.validate()?),
             Self::Avoidance { network } => Ok(network.validate()?),

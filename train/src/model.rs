@@ -143,6 +143,7 @@ mod tests {
 
     use image::Rgb;
     use image::imageops::{FilterType, resize};
+    use serde_json::json;
     use tempfile::TempDir;
 
     use super::*;
@@ -218,6 +219,28 @@ mod tests {
     }
 
     /// Weights whose digest is right, so that whoever reads them has to look.
+    /// What would take all memory, divide by zero or have no place for a number.
+    #[test]
+    fn a_model_that_makes_no_network_is_refused() {
+        let (_directory, checkpoint) = trained(Kind::Approach);
+        let path = checkpoint.join("model.json");
+        let original: serde_json::Value = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+        let lies = [
+            ("/task/network/head", json!(1_u64 << 40), "network.head"),
+            ("/task/network/width", json!(1e9), "network.width"),
+            ("/task/network/input", json!([1_u64 << 40, 24]), "network.input"),
+            ("/standardization/mean", json!([0.0]), "6 means"),
+            ("/standardization/scale", json!([1.0, 1.0, 1.0, 1.0, 1.0, 0.0]), "above 0"),
+        ];
+        for (key, lie, expected) in lies {
+            let mut info = original.clone();
+            *info.pointer_mut(key).unwrap() = lie;
+            fs::write(&path, info.to_string()).unwrap();
+            let refusal = ApproachModel::load(&checkpoint, &Device::flex()).unwrap_err().to_string();
+            assert!(refusal.contains("model.json") && refusal.contains(expected), "{refusal}");
+        }
+    }
+
     #[test]
     fn weights_that_lie_about_their_sizes_are_refused() {
         let (_directory, checkpoint) = trained(Kind::Avoidance);

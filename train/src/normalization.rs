@@ -34,6 +34,12 @@ impl Standardization {
         scale.iter().all(|s| s.is_finite()).then(|| Self { mean: center.to_vec(), scale: scale.to_vec() })
     }
 
+    /// Whether it is one of labels of `N` axes.
+    pub(crate) fn fits<const N: usize>(&self) -> bool {
+        let positive = |scale: &f64| scale.is_finite() && *scale > 0.0;
+        self.mean.len() == N && self.scale.len() == N && self.scale.iter().all(positive)
+    }
+
     /// From a label to what the network learns.
     ///
     /// # Panics
