@@ -218,7 +218,6 @@ mod tests {
         assert!(error.contains("horizontal_fov_deg = 60, and this one has 75"), "{error}");
     }
 
-    /// Weights whose digest is right, so that whoever reads them has to look.
     /// What would take all memory, divide by zero or have no place for a number.
     #[test]
     fn a_model_that_makes_no_network_is_refused() {
@@ -241,6 +240,7 @@ mod tests {
         }
     }
 
+    /// Weights whose digest is right, so that whoever reads them has to look.
     #[test]
     fn weights_that_lie_about_their_sizes_are_refused() {
         let (_directory, checkpoint) = trained(Kind::Avoidance);
