@@ -33,12 +33,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         pool.build_global().context("the threads could not be started")?;
     }
-    let stop = Stop::listen()?;
     match &cli.command {
-        Command::Reproduce(arguments) => reproduce::run(arguments, &stop, cli.json),
-        Command::Dataset(command) => dataset::run(command, &stop, cli.json),
-        Command::Train(arguments) => train::run(arguments, &stop, cli.json),
-        Command::Eval(arguments) => eval::run(arguments, &stop, cli.json),
+        Command::Reproduce(arguments) => reproduce::run(arguments, &Stop::listen()?, cli.json),
+        Command::Dataset(command) => dataset::run(command, &Stop::listen()?, cli.json),
+        Command::Train(arguments) => train::run(arguments, &Stop::listen()?, cli.json),
+        Command::Eval(arguments) => eval::run(arguments, &Stop::listen()?, cli.json),
+        // Ctrl-C ends it at once: a registry is whole wherever that happens.
         Command::Model(command) => model::run(command, cli.json),
     }
 }
