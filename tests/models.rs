@@ -266,6 +266,10 @@ fn a_signature_holds_for_what_was_signed() {
     folder.run("model sign avoid@1 --key key.pem --out one.sig").fails(1, &["one.sig", "never"]);
     folder.run("model sign avoid@1 --key pub.pem --out x.sig").fails(2, &["pub.pem", "private key"]);
     assert!(!folder.path("model.sig").exists(), "the signature is in the registry");
+    // A folder that is no checkpoint, and has the model's name by chance.
+    folder.write("avoid/notes.md", "our plans");
+    assert!(folder.run("model sign avoid --key key.pem").ok().stdout().starts_with("avoid@2: signature"));
+    folder.run("model verify avoid --public-key pub.pem").ok();
     folder.run("model pull avoid@1 --out pulled").ok();
     for model in ["avoid@1", "pulled"] {
         folder.run(&format!("model verify {model} --public-key pub.pem --signature one.sig")).ok();

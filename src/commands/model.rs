@@ -144,23 +144,10 @@ pub(crate) fn checkpoint(model: &str, registry: &Location) -> Result<PathBuf> {
 /// A model that a person names: a checkpoint's folder, or a version in the registry, which is then pulled into `pulled/` beside
 /// the registry's content, or here if that is in a bucket.
 pub(crate) fn find(model: &str, registry: &Location) -> Result<(PathBuf, Option<ModelVersion>)> {
-    let folder = PathBuf::from(model);
-    // Any other folder may have a model's name by chance.
-    if folder.join(MODEL).is_file() {
-        return Ok((folder, None));
+    if is_folder(model) {
+        return Ok((PathBuf::from(model), None));
     }
-    let unknown = || {
-        let fault = if folder.is_dir() { "has no model.json" } else { "is no checkpoint's folder" };
-        format!("{model} {fault}, and cannot be had from the registry {registry}")
-    };
-    let reference: ModelRef = model.parse().map_err(bad_input).with_context(unknown)?;
-    let opened = Registry::open(registry).map_err(bad_input).with_context(unknown)?;
-    let version = opened.show(&reference).map_err(|error| match error {
-        // What is damaged was named rightly.
-        registry::Error::Damaged(_) => error.into(),
-        _ => bad_input(error).context(unknown()),
-    })?;
-    warn(&version);
+    let (opened, version) = look_up(model, registry)?;
     let name = format!("{}-{}", version.name, version.version);
     let target = match registry.folder() {
         Some(folder) => folder.join("pulled").join(name),
@@ -171,6 +158,28 @@ pub(crate) fn find(model: &str, registry: &Location) -> Result<(PathBuf, Option<
     let exact = ModelRef { name: version.name.clone(), selector: Selector::Version(version.version) };
     opened.pull(&exact, &target)?;
     Ok((target, Some(version)))
+}
+
+/// Whether a person means a checkpoint's folder by it. Any other folder may have a model's name by chance.
+pub(crate) fn is_folder(model: &str) -> bool {
+    Path::new(model).join(MODEL).is_file()
+}
+
+/// The version that a person means by what is no checkpoint's folder.
+pub(crate) fn look_up(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
+    let unknown = || {
+        let fault = if Path::new(model).is_dir() { "has no model.json" } else { "is no checkpoint's folder" };
+        format!("{model} {fault}, and cannot be had from the registry {registry}")
+    };
+    let reference: ModelRef = model.parse().map_err(bad_input).with_context(unknown)?;
+    let opened = Registry::open(registry).map_err(bad_input).with_context(unknown)?;
+    let version = opened.show(&reference).map_err(|error| match error {
+        // What is damaged was named rightly.
+        registry::Error::Damaged(_) => error.into(),
+        _ => bad_input(error).context(unknown()),
+    })?;
+    warn(&version);
+    Ok((opened, version))
 }
 
 /// Warns of a version that is yanked.

@@ -5,7 +5,7 @@ use super::{model, print_json};
 use crate::cli::RemarkArgs;
 use crate::config::bad_input;
 use crate::output::out;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use registry::{
     Attached, Attachment, Location, ModelVersion, PrivateKey, PublicKey, Registry, Signature, SignedFiles,
 };
@@ -27,10 +27,9 @@ pub(crate) fn sign(
 ) -> Result<()> {
     let pem = read_key(key)?;
     let key = PrivateKey::from_pem(&pem).with_context(|| key.display().to_string()).map_err(bad_input)?;
-    let folder = Path::new(model);
-    if folder.is_dir() {
+    if model::is_folder(model) {
         let out = out.unwrap_or(Path::new(FILE));
-        let files = SignedFiles::in_folder(folder)?;
+        let files = SignedFiles::in_folder(Path::new(model))?;
         write(out, &files.sign(&key)?)?;
         out!("{}: signed {} files of {}", out.display(), files.files.len(), files.name);
         return print_json(json, &json!({ "signature": out, "files": files.files }));
@@ -60,9 +59,9 @@ pub(crate) fn verify(
     json: bool,
 ) -> Result<()> {
     let key = read_public_key(public_key)?;
-    let folder = Path::new(model);
+    let is_folder = model::is_folder(model);
     let (files, attachment) = match signature {
-        None if !folder.is_dir() => {
+        None if !is_folder => {
             let (registry, version) = whole(model, registry)?;
             let entry = registry.signature_by(&version, &key)?;
             (SignedFiles::of_version(&version), Some(entry.number))
@@ -70,8 +69,8 @@ pub(crate) fn verify(
         file => {
             let file = file.unwrap_or(Path::new(FILE));
             let signature = read_signature(file)?;
-            let files = if folder.is_dir() {
-                SignedFiles::in_folder(folder)?
+            let files = if is_folder {
+                SignedFiles::in_folder(Path::new(model))?
             } else {
                 SignedFiles::of_version(&whole(model, registry)?.1)
             };
@@ -100,12 +99,7 @@ fn write(file: &Path, signature: &Signature) -> Result<()> {
 
 /// A version in the registry, with every file read and compared with its digest.
 fn whole(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
-    let reference = model::reference(model)?;
-    let opened = Registry::open(registry).map_err(|error| {
-        bad_input(anyhow!(error).context(format!("{model} is no folder, and it is not in a registry")))
-    })?;
-    let version = opened.show(&reference)?;
-    model::warn(&version);
+    let (opened, version) = model::look_up(model, registry)?;
     // Exactly this version: an alias or the newest may be another one by now.
     let found = opened.verify(Some(&model::reference(&version.to_string())?))?.problems;
     // What is wrong with an attachment spoils no file, and is told where that attachment is used.
