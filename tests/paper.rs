@@ -6,9 +6,9 @@ use approx::assert_relative_eq;
 use datagen::DatasetConfig;
 use datagen::config::RangeConfig;
 use eval::config::{DeflectionConfig, DeflectionMode, MediationConfig};
-use eval::deflect::{Course, Deflector};
-use eval::field_of_view::interaction_matrix;
 use eval::mediate::Mediator;
+use eval::mediate::field_of_view::interaction_matrix;
+use eval::session::deflect::{DeflectionKind, Deflector};
 use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6};
 use world::arm::JointVector;
 use world::pose::{HandPose, adjoint};
@@ -63,14 +63,14 @@ fn eq_2_keeps_length_and_rotation_and_takes_the_best_admitted_direction() {
     let desired =
         PoseChange { translation: hand.inverse() * wanted, rotation: Vector3::new(0.01, 0.02, 0.03) };
     for mode in [DeflectionMode::Paper, DeflectionMode::Keep] {
-        let deflected = Deflector::new(&deflection(mode), &points).deflect(&desired, &map, &hand);
+        let deflected = Deflector::new(&deflection(mode), &points).deflect(&desired, &map, &hand).unwrap();
         let mut best = (f64::NEG_INFINITY, Vector3::zeros());
         for g in points.directions().iter().filter(|g| g.z >= -0.5) {
             if g.dot(&wanted) > best.0 {
                 best = (g.dot(&wanted), g.into_inner());
             }
         }
-        assert_eq!(deflected.course, Course::Turned);
+        assert_eq!(deflected.kind, DeflectionKind::Turned);
         assert_relative_eq!(hand * deflected.motion.translation, best.1 * wanted.norm(), epsilon = 1e-12);
         assert_relative_eq!(deflected.motion.rotation, desired.rotation);
     }
@@ -85,7 +85,8 @@ fn eq_3_raises_the_threshold_where_no_admitted_direction_leads_forward() {
     let mut deflector = Deflector::new(&deflection(DeflectionMode::Paper), &points);
     let mut thresholds = |x: f64| -> Vec<f64> {
         let desired = PoseChange { translation: Vector3::new(x, 0.0, 0.0), rotation: Vector3::zeros() };
-        (0..3).map(|_| deflector.deflect(&desired, &map, &UnitQuaternion::identity()).threshold).collect()
+        let mut deflect = || deflector.deflect(&desired, &map, &UnitQuaternion::identity()).unwrap();
+        (0..3).map(|_| deflect().threshold).collect()
     };
     assert_relative_eq!(thresholds(-0.01)[..], [0.5, 0.5, 0.5], epsilon = 1e-12);
     assert_relative_eq!(thresholds(0.01)[..], [0.5, 0.55, 0.6], epsilon = 1e-12);

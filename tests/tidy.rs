@@ -37,7 +37,7 @@ fn collect(folder: &Path, found: &mut Vec<Source>) {
 /// The sources of the binary and the library crates, without tests and benches.
 fn sources() -> Vec<Source> {
     let mut found = Vec::new();
-    for folder in ["src", "world/src", "datagen/src", "train/src", "eval/src", "registry/src"] {
+    for folder in ["src", "world/src", "datagen/src", "train/src", "eval/src", "report/src", "registry/src"] {
         collect(&repository().join(folder), &mut found);
     }
     assert!(found.len() > 40, "only {} source files were found", found.len());
@@ -156,7 +156,7 @@ fn one_file_names_a_backend_and_one_names_parry() {
 
 #[test]
 fn dependencies_point_one_way() {
-    let order = ["world", "datagen", "train", "eval"];
+    let order = ["world", "datagen", "train", "eval", "report"];
     for (rank, krate) in order.iter().enumerate() {
         let manifest = fs::read_to_string(repository().join(krate).join("Cargo.toml")).unwrap();
         for later in order[rank + 1..].iter().chain(&["registry"]) {

@@ -1,4 +1,4 @@
-//! What a file in `configs/eval/` says. It is complete: no key has a default.
+//! Configuration of an evaluation: a file in `configs/eval/`. It is complete; no key has a default.
 
 use crate::error::{Error, Result};
 use datagen::config::{MotionConfig, RejectionConfig};
@@ -12,28 +12,28 @@ use world::{PoseChange, WorldConfig};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {
-    /// Seed of all random draws; 0 is a seed like others.
+    /// Seed of all random draws; 0 is a valid seed.
     pub seed: u64,
     /// Number of sessions (paper: 40).
     pub sessions: usize,
-    /// Who answers in them.
+    /// The two policies.
     pub policies: PolicyConfig,
     /// The virtual environment.
     pub world: WorldConfig,
-    /// The object to be grasped.
+    /// The object to grasp.
     pub target: TargetConfig,
-    /// What stands in the way.
+    /// The obstacles.
     pub obstacles: ObstacleConfig,
-    /// Where sessions start (`current`) and where their goal images are taken (`goal`).
+    /// Ranges of start poses (`current`) and of goal poses (`goal`).
     pub motions: Vec<MotionConfig>,
-    /// What start and goal must fulfill.
+    /// Requirements on start and goal.
     pub rejection: RejectionConfig,
-    /// Least distance of the hand from every obstacle, and above the table, at start and goal: a goal that leaves the
-    /// fingers no room is none.
+    /// Smallest distance of the hand from every obstacle, and above the table, at start and goal. Goals without clearance for
+    /// the fingers are rejected.
     pub clearance_mm: f64,
-    /// The loop.
+    /// Gain and limits of the loop.
     pub servo: ServoConfig,
-    /// When the loop has settled.
+    /// Stop rule.
     pub stop: StopConfig,
     /// Avoidance (paper, Section 4.3).
     pub deflection: DeflectionConfig,
@@ -41,58 +41,58 @@ pub struct EvalConfig {
     pub mediation: MediationConfig,
 }
 
-/// Who answers in a session: `oracle` for ground truth, or a model, which the caller resolves.
+/// The two policies: `oracle` for ground truth, or a model, which the caller resolves.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyConfig {
-    /// In the place of `CNN_approach`.
+    /// In the role of `CNN_approach`.
     pub approach: String,
-    /// In the place of `CNN_avoid`.
+    /// In the role of `CNN_avoid`.
     pub avoid: String,
 }
 
-/// The loop around the two networks. The paper names neither gain nor step cap, but the networks' output is the whole way
-/// to the goal and the paper's sessions take 40 steps.
+/// Gain and limits of the loop. The paper gives neither gain nor step caps. However, the networks predict the whole motion to
+/// the goal, and the paper's example takes 40 steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServoConfig {
-    /// Share of the desired motion that one step covers.
+    /// Fraction of the desired motion that one step covers.
     pub gain: f64,
-    /// Longest translation of one step.
+    /// Largest translation of one step.
     pub step_mm: f64,
     /// Largest rotation of one step.
     pub step_deg: f64,
-    /// Steps after which a session ends.
+    /// Largest number of steps in a session.
     pub max_steps: usize,
-    /// Steps in a row with the target's centre outside the image after which the target counts as lost.
+    /// Consecutive steps with the target's center outside the image after which the target counts as lost.
     pub lost_steps: usize,
 }
 
-/// When the loop has settled. It must not look at the true pose: it sees only what the approach policy asks for.
+/// Stop rule. It depends only on the desired motions of the approach policy, never on the true pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StopConfig {
-    /// A desired motion below this translation and `settled_deg` is none.
+    /// A desired motion below this translation and below `settled_deg` is negligible.
     pub settled_mm: f64,
     /// See `settled_mm`.
     pub settled_deg: f64,
-    /// So many such steps in a row end the session.
+    /// Consecutive negligible motions after which the session ends.
     pub settled_steps: usize,
-    /// Below this translation and `near_deg` a desired motion that no longer shrinks is as small as it gets.
+    /// Below this translation and below `near_deg`, the session may end because the desired motion no longer shrinks.
     pub near_mm: f64,
     /// See `near_mm`.
     pub near_deg: f64,
-    /// So many steps without a desired motion 10 % smaller than all before end the session.
+    /// Steps without a desired motion at least 10 % below the smallest so far after which the session ends.
     pub patience_steps: usize,
 }
 
-/// How directions are taken from the avoidance map.
+/// Choice of a direction from the avoidance map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeflectionMode {
-    /// As printed: always one of the measuring points, even with nothing in the way.
+    /// As printed: always the direction of a measuring point, even with no obstacle in the way.
     Paper,
-    /// The desired direction where its own avoidance value is below the threshold, a measuring point otherwise.
+    /// The desired direction if its own avoidance value is below the threshold, otherwise that of a measuring point.
     Keep,
 }
 
@@ -100,16 +100,16 @@ pub enum DeflectionMode {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeflectionConfig {
-    /// How directions are taken from the avoidance map.
+    /// Choice of a direction from the avoidance map.
     pub mode: DeflectionMode,
-    /// `t_g` of the first step; directions with a lower avoidance value are admitted.
+    /// `t_g` in the first step. Directions with a lower avoidance value are admitted.
     pub threshold: f64,
-    /// `ε`, by which a deadlock raises `t_g`.
+    /// `ε`: increase of `t_g` at a deadlock.
     pub epsilon: f64,
-    /// `t_g` rises to this and no further; at 1 every direction is admitted.
+    /// Upper bound of `t_g`. At 1 every direction is admitted.
     pub max_threshold: f64,
-    /// Cosine between desired and admitted direction up to which a step counts as deadlocked (paper: 0). Above half the
-    /// servo gain, every step either comes nearer to the goal or raises `t_g`, so that the loop cannot circle.
+    /// Largest cosine between desired and admitted direction that counts as a deadlock (paper: 0). If it is above half the
+    /// servo gain, every step gets closer to the goal or raises `t_g`, so that the loop cannot circle.
     pub min_progress: f64,
 }
 
@@ -117,20 +117,20 @@ pub struct DeflectionConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MediationConfig {
-    /// Translation that counts as much as one radian.
+    /// Translation weighted like a rotation by one radian.
     pub rotation_weight_mm: f64,
-    /// `λ`: price of the squared joint displacement \[m²/rad²\].
+    /// `λ`: cost of the squared joint displacement \[m²/rad²\].
     pub damping: f64,
-    /// Time that one step takes, for the velocity limits.
+    /// Duration of one step, for the velocity limits.
     pub period_s: f64,
-    /// Share of the image's width and height, on each side, that the target's centre must not enter.
+    /// Margin on each side of the image that the target's center must not enter, as a fraction of width and height.
     pub image_margin: f64,
-    /// Price of leaving that rectangle by one focal length \[m²\].
+    /// Cost of leaving that rectangle by one focal length \[m²\].
     pub slack_weight: f64,
 }
 
 impl EvalConfig {
-    /// Refuses values that make no sessions; names the key.
+    /// Rejects invalid values. The error names the key.
     pub fn validate(&self) -> Result<()> {
         require("sessions", (1..=1_000_000).contains(&self.sessions), self.sessions, "1 to 1000000")?;
         for (key, policy) in
@@ -154,14 +154,14 @@ impl EvalConfig {
         self.mediation.validate()
     }
 
-    /// Least distance from every obstacle, and above the table, at start and goal \[m\].
+    /// Returns the smallest distance from every obstacle, and above the table, at start and goal \[m\].
     pub fn clearance(&self) -> f64 {
         mm(self.clearance_mm)
     }
 }
 
 impl ServoConfig {
-    /// The part of a desired motion that one step covers.
+    /// Returns the part of a desired motion that one step covers.
     pub fn pace(&self, desired: &PoseChange) -> PoseChange {
         desired.scaled(self.gain).capped(mm(self.step_mm), deg(self.step_deg))
     }
@@ -186,12 +186,12 @@ impl ServoConfig {
 }
 
 impl StopConfig {
-    /// Bounds of a desired motion that is none \[m\], \[rad\].
+    /// Returns the bounds of a negligible motion \[m\], \[rad\].
     pub fn settled(&self) -> (f64, f64) {
         (mm(self.settled_mm), deg(self.settled_deg))
     }
 
-    /// Bounds of a desired motion that need not shrink any more \[m\], \[rad\].
+    /// Returns the bounds of a motion that no longer has to shrink \[m\], \[rad\].
     pub fn near(&self) -> (f64, f64) {
         (mm(self.near_mm), deg(self.near_deg))
     }
@@ -236,7 +236,7 @@ impl DeflectionConfig {
 }
 
 impl MediationConfig {
-    /// Translation that counts as much as one radian \[m\].
+    /// Returns the translation weighted like a rotation by one radian \[m\].
     pub fn rotation_weight(&self) -> f64 {
         mm(self.rotation_weight_mm)
     }

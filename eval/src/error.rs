@@ -1,64 +1,64 @@
-//! What can go wrong with servo sessions. How a session ends is no error but an [`Outcome`](crate::trace::Outcome).
+//! Errors of this crate. The way a session ends is not an error but an [`Outcome`](crate::session::outcome::Outcome).
 
-/// An error of this crate.
+/// An error in an evaluation.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value of the configuration that makes no evaluation.
+    /// An invalid value in the configuration.
     #[error("{key} = {value}: expected {expected}")]
     Config {
-        /// The key, with the tables it stands in.
+        /// Key, with its tables.
         key: String,
-        /// What it says.
+        /// Value found.
         value: String,
-        /// What it may say.
+        /// Values allowed.
         expected: &'static str,
     },
-    /// The environment of the configuration cannot be built.
+    /// The configuration describes no valid environment.
     #[error(transparent)]
     World(#[from] world::Error),
-    /// Part of the configuration is refused by data generation, whose placement sessions use.
+    /// The configuration describes no valid placement of target, obstacles and hand.
     #[error(transparent)]
     Placement(#[from] datagen::Error),
-    /// The start and goal of a session cannot be drawn.
+    /// No start and goal could be drawn for a session.
     #[error("session {index}: {source}")]
     Trial {
         /// Index of the session.
         index: usize,
-        /// Why.
+        /// Cause.
         source: datagen::Error,
     },
-    /// The obstacles leave no room for the hand at start and goal.
+    /// No draw left enough clearance between the hand and the obstacles.
     #[error(
-        "session {index}: in {tries} draws the hand never kept clearance_mm from the obstacles at start and goal; lower it, or \
-         raise obstacles.distance_mm"
+        "session {index}: none of {tries} draws kept clearance_mm between the hand and the obstacles at start and goal; lower \
+         clearance_mm or raise obstacles.distance_mm"
     )]
     Crowded {
         /// Index of the session.
         index: usize,
-        /// Draws made.
+        /// Number of draws.
         tries: u32,
     },
-    /// An avoidance map that does not belong to this world's measuring points.
+    /// The size of an avoidance map differs from the number of measuring points.
     #[error(
-        "the avoidance map has {found} values, but world.avoidance.measuring_points = {expected}; use a model that was \
-         trained with this world"
+        "the avoidance map has {found} values, but world.avoidance.measuring_points = {expected}; use a model trained in this \
+         world"
     )]
     MapSize {
-        /// Values of the map.
+        /// Values in the map.
         found: usize,
         /// Measuring points of the world.
         expected: usize,
     },
-    /// A policy that could not answer.
+    /// A policy failed.
     #[error("policy: {0}")]
     Policy(#[source] Box<dyn std::error::Error + Send + Sync>),
-    /// The caller asked to stop.
+    /// The caller stopped the evaluation.
     #[error("stopped after {done} of {total} sessions")]
     Interrupted {
-        /// Sessions that were finished.
+        /// Sessions finished.
         done: usize,
-        /// Sessions asked for.
+        /// Sessions requested.
         total: usize,
     },
 }

@@ -1,25 +1,36 @@
-//! Sessions made by hand, for the tests of tables, figures and report.
+//! Configuration and handmade sessions for unit tests.
 
-use crate::deflect::Course;
-use crate::mediate::QpStatus;
-use crate::trace::{ContactCounts, Outcome, SessionRecord, StageSeconds, Step, Touched};
+use crate::config::EvalConfig;
+use crate::mediate::quadratic_program::QpStatus;
+use crate::session::deflect::DeflectionKind;
+use crate::session::displace::Touched;
+use crate::session::outcome::Outcome;
+use crate::session::record::{SessionRecord, Step};
+use crate::session::timing::StageSeconds;
+use crate::trial::Trial;
+use image::RgbImage;
 use nalgebra::{Isometry3, Vector3};
 use world::arm::JointVector;
-use world::environment::Environment;
 use world::pose::HandPose;
 use world::units::{deg, mm};
-use world::{LabelForm, PoseChange, Shape, WorldConfig};
+use world::{Environment, PoseChange, Shape};
 
-/// The environment of `configs/world.toml`.
-pub(crate) fn environment() -> Environment {
-    let config: WorldConfig = toml::from_str(include_str!("../../configs/world.toml")).unwrap();
-    Environment::new(&config).unwrap()
+/// The sessions of Table 1 with a small camera, which does not matter to oracles.
+pub(crate) fn eval_config(sessions: usize) -> EvalConfig {
+    let mut table: toml::Table = toml::from_str(include_str!("../../configs/eval/table1.toml")).unwrap();
+    let world: toml::Table = toml::from_str(include_str!("../../configs/world.toml")).unwrap();
+    table.insert("world".into(), world.into());
+    let mut config: EvalConfig = table.try_into().unwrap();
+    (config.world.camera.width, config.world.camera.height) = (64, 48);
+    config.sessions = sessions;
+    config.validate().unwrap();
+    config
 }
 
-/// A session over a cuboid with `index % 4` obstacles that nears its goal by 30 % a step and stops `0.2 (1 + index)` mm away
-/// in x after `12 + index` steps; every step takes 20 ms in the approach policy.
+/// A session with a cuboid as target and `index % 4` obstacles. The distance to the goal shrinks by 30 % per step. The session
+/// ends `0.2 (1 + index)` mm away in x after `12 + index` steps. Each step spends 20 ms in the approach policy.
 pub(crate) fn session(index: usize) -> SessionRecord {
-    let environment = environment();
+    let environment = Environment::new(&eval_config(1).world).unwrap();
     let at = |x: f64, y: f64, z: f64| Isometry3::translation(mm(x), mm(y), mm(z));
     let cuboid =
         |x: f64, y: f64, z: f64| Shape::Cuboid { half_extents: Vector3::new(mm(x), mm(y), mm(z)) / 2.0 };
@@ -47,35 +58,16 @@ pub(crate) fn session(index: usize) -> SessionRecord {
             step(hand, environment.arm.joints_for(&hand).unwrap())
         })
         .collect();
-    let mut seconds = StageSeconds::default();
-    for step in &steps {
-        seconds += step.seconds;
-    }
-    SessionRecord {
-        index,
-        seed: 1,
-        outcome: Outcome::Converged,
-        scene,
-        robot_from_start: start,
-        start_joints,
-        robot_from_goal: goal,
-        robot_from_final: end,
-        final_error: LabelForm::Difference.label(&goal, &end).to_array(),
-        position_error: (end.translation.vector - goal.translation.vector).norm(),
-        orientation_error: end.rotation.angle_to(&goal.rotation),
-        contacts: ContactCounts::default(),
-        target_lost_steps: 0,
-        limit_violations: 0,
-        seconds,
-        steps,
-    }
+    let goal_image = RgbImage::new(1, 1);
+    let trial = Trial { index, seed: 1, scene, start_joints, robot_from_goal: goal, goal_image };
+    SessionRecord::new(&environment, &trial, Outcome::Converged, steps)
 }
 
 fn step(robot_from_hand: Isometry3<f64>, joints: JointVector) -> Step {
     Step {
         desired: PoseChange::zero(),
         deflected: PoseChange::zero(),
-        course: Course::Kept,
+        deflection: DeflectionKind::Kept,
         threshold: 0.7,
         displacement: JointVector::zeros(),
         qp: QpStatus::Solved,

@@ -1,4 +1,4 @@
-//! What a session is given: a scene, a start and a goal (paper, Section 6.4), drawn as datasets draw theirs.
+//! A trial: scene, start and goal of a session (paper, Section 6.4), drawn with the placement of datasets.
 
 use crate::config::EvalConfig;
 use crate::error::{Error, Result};
@@ -8,34 +8,34 @@ use datagen::range::stream;
 use image::RgbImage;
 use nalgebra::{Isometry3, Translation3};
 use rand::RngExt;
-use world::Scene;
 use world::arm::JointVector;
-use world::environment::Environment;
+use world::{Environment, Scene};
 
-/// One session's task.
+/// The task of one session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// Its index.
+    /// Index in the evaluation.
     pub index: usize,
     /// Seed of the evaluation.
     pub seed: u64,
-    /// What stands on the table.
+    /// The scene.
     pub scene: Scene,
     /// Joint angles at the start \[rad\].
     pub start_joints: JointVector,
-    /// Where the goal image was taken.
+    /// Hand pose at which the goal image was taken.
     pub robot_from_goal: Isometry3<f64>,
-    /// What the wrist camera sees there.
+    /// Image of the wrist camera at the goal.
     pub goal_image: RgbImage,
 }
 
 impl Trial {
-    /// Draws trial `index`, a pure function of configuration and index: start and goal are within reach, touch nothing that
-    /// `config.rejection` names and keep `config.clearance_mm` from them and
-    /// the table, and the target is in view from both.
+    /// Draws trial `index`, a pure function of configuration and index.
+    ///
+    /// Start and goal are within reach and have the target in view. The hand touches nothing that `config.rejection` names,
+    /// and keeps `config.clearance_mm` from the obstacles and the table.
     pub fn draw(environment: &Environment, config: &EvalConfig, index: usize) -> Result<Self> {
         let mut rng = stream(config.seed, index as u64);
-        // Drawn once, so that rejection does not favor the empty table.
+        // Drawn once, so that rejection does not favor scenes with few obstacles.
         let [fewest, most] = config.obstacles.count;
         let count = rng.random_range(fewest..=most);
         let obstacles = ObstacleConfig { count: [count; 2], ..config.obstacles.clone() };
@@ -44,7 +44,7 @@ impl Trial {
         for _ in 0..rejection.tries {
             let drawn = sampler.draw(&mut rng);
             let placement = drawn.map_err(|source| Error::Trial { index, source })?;
-            // A validated motion has a current and a goal pose, in this order.
+            // A validated motion has a current and a goal pose, in that order.
             let [start, goal] = [placement.hands[0], placement.hands[1]];
             let hands = [start.pose, goal.pose].map(|pose| pose.robot_from_hand());
             let scene = placement.scene;
@@ -65,7 +65,7 @@ impl Trial {
     }
 }
 
-/// Does a hand keep a distance from the obstacles, and above the table?
+/// Returns whether a hand keeps a distance from the obstacles and above the table.
 fn is_clear(
     environment: &Environment,
     robot_from_hand: &Isometry3<f64>,
@@ -80,19 +80,11 @@ fn is_clear(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn config() -> EvalConfig {
-        let mut table: toml::Table = toml::from_str(include_str!("../../configs/eval/table1.toml")).unwrap();
-        let world: toml::Table = toml::from_str(include_str!("../../configs/world.toml")).unwrap();
-        table.insert("world".into(), world.into());
-        let mut config: EvalConfig = table.try_into().unwrap();
-        (config.world.camera.width, config.world.camera.height) = (64, 48);
-        config
-    }
+    use crate::fixture::eval_config;
 
     #[test]
     fn a_trial_is_a_function_of_configuration_and_index() {
-        let config = config();
+        let config = eval_config(1);
         let environment = Environment::new(&config.world).unwrap();
         let draw = |index| Trial::draw(&environment, &config, index).unwrap();
         assert_eq!(draw(3), draw(3));
@@ -101,7 +93,7 @@ mod tests {
 
     #[test]
     fn start_and_goal_are_within_reach_in_view_and_clear() {
-        let config = config();
+        let config = eval_config(1);
         let environment = Environment::new(&config.world).unwrap();
         let mut counts = [0; 4];
         for index in 0..30 {
@@ -120,7 +112,7 @@ mod tests {
 
     #[test]
     fn obstacles_that_leave_no_room_are_an_error_that_says_so() {
-        let mut config = config();
+        let mut config = eval_config(1);
         config.obstacles.count = [1, 1];
         config.rejection.tries = 20;
         config.clearance_mm = 900.0;

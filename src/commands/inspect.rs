@@ -4,7 +4,8 @@ use super::{print_json, write_file};
 use crate::cli;
 use crate::config::bad_input;
 use crate::output::out;
-use ::eval::figures::contact_sheet::{contact_sheet, drawn, evenly_spread};
+use ::report::dataset::contact_sheet::contact_sheet;
+use ::report::dataset::selection::{drawn, evenly_spread};
 use anyhow::{Result, anyhow};
 use datagen::spread::Spread;
 use datagen::statistics::{

@@ -6,8 +6,9 @@ use super::{eval, print_json};
 use crate::cli::{Attach, RemarkArgs};
 use crate::config::bad_input;
 use crate::output::out;
-use ::eval::config::EvalConfig;
-use ::eval::measures::{self, System};
+use ::eval::EvalConfig;
+use ::eval::results::metrics;
+use ::eval::results::system::System;
 use anyhow::{Context, Result, anyhow};
 use registry::{Attached, Attachment, Evaluation, ModelVersion, Registry, Signature};
 use serde_json::{Value, json};
@@ -106,7 +107,7 @@ fn measured(weights: &str, folder: &Path) -> Result<Evaluation> {
              \"{avoid}\", which are not there or have other weights"
         ));
     }
-    let figures = measures::to_json(&System::of("flowservo", &eval::read(folder)?));
+    let figures = metrics::to_json(&System::of("flowservo", &eval::read(folder)?));
     let numbers = figures.as_object().into_iter().flatten();
     let metrics =
         numbers.filter_map(|(key, value)| Some((format!("table1_{key}"), value.as_f64()?))).collect();

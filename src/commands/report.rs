@@ -1,17 +1,18 @@
-//! `report.html`: what `reproduce` made, on one page.
+//! `report.html`: the results of `reproduce` on one page.
 
 use super::reproduce::{Reproduced, SystemConfig};
 use super::{train, write_file};
-use ::eval::figures::Figure;
-use ::eval::figures::avoidance_maps::{AvoidanceExample, figure_6};
-use ::eval::figures::final_poses::figure_9;
-use ::eval::figures::pose_error::figure_8;
-use ::eval::figures::snapshots::{self, figure_7};
-use ::eval::figures::training_curves::training_curves;
-use ::eval::measures::System;
-use ::eval::paper::proposed_method;
-use ::eval::report::{Report, SessionGroup};
-use ::eval::trace::SessionRecord;
+use ::eval::results::published::proposed_method;
+use ::eval::results::system::System;
+use ::eval::{Outcome, SessionRecord};
+use ::report::drawing::figure::Figure;
+use ::report::figures::avoidance_maps::{AvoidanceExample, figure_6};
+use ::report::figures::final_poses::figure_9;
+use ::report::figures::pose_error::figure_8;
+use ::report::figures::snapshots::{self, figure_7};
+use ::report::page::Report;
+use ::report::page::sessions::SessionGroup;
+use ::report::training_curves::training_curves;
 use ::train::model::AvoidModel;
 use anyhow::Result;
 use burn::prelude::Device;
@@ -39,25 +40,25 @@ fn summary(preset: &str, reproduced: &Reproduced) -> Vec<String> {
     let rows: u64 = reproduced.datasets.iter().map(|dataset| dataset.rows).sum();
     let mut paragraphs = vec![format!(
         "The preset {preset} generated {} datasets with {rows} examples, trained {} networks, and ran the servo sessions of \
-         Section 6.4: random targets, up to {} obstacles, start in Range 1, goal near the reference 80 mm above the target. \
-         The paper's column stands beside what was measured here; nothing is left out of the means.",
+         Section 6.4, with random targets, up to {} obstacles, the start in Range 1, and the goal near the reference 80 mm above \
+         the target. The tables show the paper's results beside those of this run. The means include all sessions.",
         reproduced.datasets.len(),
         reproduced.trained.len(),
         reproduced.config.evaluation.obstacles.count[1]
     )];
-    if let Some((System { name, accuracy, conduct }, _)) = reproduced.systems.first() {
+    if let Some((System { name, accuracy, outcomes }, _)) = reproduced.systems.first() {
         let paper = proposed_method();
         paragraphs.push(format!(
-            "Over {} sessions, {name} ended {:.2} mm and {:.2} degrees from the goal (norms of the mean errors, as in the \
-             paper, which reports {:.1} mm and {:.1} degrees); the median distance is {:.2} mm, and {} of the sessions ended \
-             in a collision.",
-            conduct.sessions,
+            "In {} sessions, {name} ended {:.2} mm and {:.2} degrees from the goal. These are norms of the mean errors, as in the \
+             paper, which reports {:.1} mm and {:.1} degrees. The median distance is {:.2} mm. Sessions that ended in a \
+             collision: {}.",
+            outcomes.sessions,
             to_mm(accuracy.position_norm()),
             to_deg(accuracy.orientation_norm()),
             to_mm(paper.position_norm),
             to_deg(paper.orientation_norm),
             to_mm(accuracy.position.median),
-            conduct.collided
+            outcomes.count(Outcome::Collided)
         ));
     }
     paragraphs
@@ -94,7 +95,7 @@ fn figures(reproduced: &Reproduced, device: &Device) -> Result<Vec<Figure>> {
     Ok(drawn)
 }
 
-/// A figure for the networks of each kind: their losses are not of one kind.
+/// Draws one figure per kind of network, since their losses are not comparable.
 fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
     let mut drawn = Vec::new();
     for (kind, label) in
@@ -113,7 +114,7 @@ fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
     Ok(drawn)
 }
 
-/// What `CNN_avoid` says at the start of the first sessions with obstacles, beside the truth.
+/// Returns the predictions of `CNN_avoid` at the start of the first sessions with obstacles, with ground truth.
 fn avoidance_examples(
     reproduced: &Reproduced,
     system: &SystemConfig,

@@ -22,11 +22,10 @@ use crate::config::{Config, bad_input};
 use crate::device::{self, Opened};
 use crate::output::{note, out};
 use crate::stop::Stop;
-use ::eval::config::EvalConfig;
-use ::eval::measures::{self, System};
-use ::eval::report::Stage;
-use ::eval::tables;
-use ::eval::trace::SessionRecord;
+use ::eval::results::system::System;
+use ::eval::results::{metrics, table_1};
+use ::eval::{EvalConfig, SessionRecord};
+use ::report::page::Stage;
 use ::train::config::TrainConfig;
 use anyhow::{Context, Result, anyhow};
 use datagen::DatasetConfig;
@@ -108,7 +107,7 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
     let results = results(&reproduced, started.elapsed().as_secs_f64());
     write_file(&out.join("results.json"), serde_json::to_string_pretty(&results)?)?;
     report::write(preset, &reproduced, &device, &out)?;
-    out!("{}", tables::to_text(&systems));
+    out!("{}", table_1::to_text(&systems));
     out!("report: {}", out.join("report.html").display());
     note!("reproduce: done in {:.0} s", started.elapsed().as_secs_f64());
     print_json(json, &results)
@@ -117,7 +116,7 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
 fn results(reproduced: &Reproduced, seconds: f64) -> serde_json::Value {
     let trained: BTreeMap<_, _> =
         reproduced.trained.iter().map(|(name, (_, trained))| (name, trained)).collect();
-    let systems: Vec<_> = reproduced.systems.iter().map(|(system, _)| measures::to_json(system)).collect();
+    let systems: Vec<_> = reproduced.systems.iter().map(|(system, _)| metrics::to_json(system)).collect();
     serde_json::json!({
         "seconds": seconds,
         "device": reproduced.device,

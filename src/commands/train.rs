@@ -7,7 +7,7 @@ use crate::device::{self, Opened};
 use crate::output::{note, out};
 use crate::progress::{Progress, peak_rss_mb};
 use crate::stop::Stop;
-use ::eval::figures::training_curves::{Epoch, TrainingCurve, training_curves};
+use ::report::training_curves::{Epoch, TrainingCurve, training_curves};
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
