@@ -188,10 +188,10 @@ fn draw_avoidance(svg: &mut Svg, area: &Area, example: &Example, row: &Avoidance
         hemisphere.draw(svg, &points, &map);
         hemisphere.draw_image_top(svg, &row.robot_from_hand);
         for obstacle in &example.scene.obstacles {
-            let towards =
+            let direction =
                 obstacle.robot_from_body.translation.vector - row.robot_from_hand.translation.vector;
-            if hemisphere.holds(&towards) {
-                let place = hemisphere.project(&towards.normalize());
+            if hemisphere.holds(&direction) {
+                let place = hemisphere.project(&direction.normalize());
                 svg.ring(place, 6.5, &Stroke { color: "#ffffff", width: 4.0, dashed: false });
                 svg.ring(place, 6.5, &Stroke { color: MARK, width: 2.2, dashed: false });
             }
