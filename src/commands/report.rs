@@ -1,7 +1,8 @@
 //! `report.html`: what `reproduce` made, on one page.
 
-use super::reproduce::{Reproduced, SystemConfig};
-use super::{train, write_file};
+use super::experiment::{Reproduced, SystemConfig};
+use super::train;
+use crate::file::write_file;
 use ::eval::figures::Figure;
 use ::eval::figures::avoidance_maps::{AvoidanceExample, figure_6};
 use ::eval::figures::final_poses::figure_9;
