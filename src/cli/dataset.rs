@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// `dataset`
 #[derive(Debug, Subcommand)]
 pub(crate) enum Dataset {
-    /// Generate a dataset, or the missing part of an interrupted one.
+    /// Generate a dataset, or continue an interrupted run.
     #[command(after_help = "Examples:\n  \
                             flowservo dataset generate configs/datasets/a.toml --out runs/data/a --set count=4000\n\n\
                             On two machines that share the folder, or with folders that are merged afterward:\n  \
@@ -22,7 +22,7 @@ pub(crate) enum Dataset {
         /// Folder for the dataset.
         #[arg(long)]
         out: PathBuf,
-        /// Generate only part I of N: every N-th file. `dataset finish` then completes the dataset.
+        /// Generate only part I of N (every N-th file); complete the dataset with `dataset finish`.
         #[arg(long, value_name = "I/N")]
         shard: Option<Part>,
     },
@@ -41,7 +41,7 @@ pub(crate) enum Dataset {
     /// Draw a contact sheet of some rows: images with their motion or their avoidance map.
     #[command(after_help = "Example:\n  flowservo dataset show runs/data/a --rows 0,5,17")]
     Show(Show),
-    /// Check every byte of a dataset and list all files that differ from what was written.
+    /// Check every byte of a dataset and list all files that have changed.
     #[command(after_help = "Example:\n  flowservo dataset verify runs/data/a --json")]
     Verify {
         /// Dataset folder.

@@ -12,10 +12,10 @@ pub(crate) struct Eval {
     /// Configuration of the evaluation.
     #[command(flatten)]
     pub(crate) config: ConfigArgs,
-    /// `CNN_approach`, instead of the configured one: a checkpoint folder, NAME@VERSION, NAME:ALIAS, or oracle.
+    /// Model to use as `CNN_approach`, instead of the configured one: a checkpoint folder, NAME@VERSION, NAME:ALIAS, or oracle.
     #[arg(long, value_name = "MODEL")]
     pub(crate) approach: Option<String>,
-    /// `CNN_avoid`, instead of the configured one: a checkpoint folder, NAME@VERSION, NAME:ALIAS, or oracle.
+    /// Model to use as `CNN_avoid`, instead of the configured one: a checkpoint folder, NAME@VERSION, NAME:ALIAS, or oracle.
     #[arg(long, value_name = "MODEL")]
     pub(crate) avoid: Option<String>,
     /// Folder for tables and sessions.

@@ -47,13 +47,13 @@ pub(crate) enum Command {
     /// Train a network.
     #[command(after_help = "Examples:\n  \
                       flowservo train configs/train/approach.toml --out runs/approach --set phases.0.epochs=4\n\n\
-                      Continue training a published model on other data:\n  \
-                      flowservo train configs/train/approach.toml --from approach:champion --data data/mine --out runs/mine")]
+                      Start from a published model and train on other data:\n  \
+                      flowservo train configs/train/approach.toml --from approach:champion --data data/b --out runs/b")]
     Train(Train),
     /// Run servo sessions and print Table 1.
     #[command(
-        after_help = "Example:\n  flowservo eval configs/eval/table1.toml --approach runs/approach/best \
-                            --avoid avoid@1 --out runs/table1"
+        after_help = "Example:\n  flowservo eval configs/eval/table1.toml --approach runs/approach/best --avoid avoid@1 \\\n    \
+                            --out runs/table1"
     )]
     Eval(Eval),
     /// Publish, compare, alias, pull and verify versioned models.

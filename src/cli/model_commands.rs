@@ -83,7 +83,7 @@ pub(crate) enum Model {
                             flowservo model alias approach\n\n\
                             Any command that takes a model then accepts approach:champion.")]
     Alias(AliasArgs),
-    /// Withdraw a version: it stays available under its number, but is no longer the newest.
+    /// Withdraw a version: it remains available by number, but no longer counts as the newest.
     #[command(after_help = "Examples:\n  \
                             flowservo model yank approach@3 --reason \"trained on the test set\"\n  \
                             flowservo model yank approach@3 --undo")]

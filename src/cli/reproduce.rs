@@ -27,11 +27,11 @@ pub(crate) struct Reproduce {
 /// Size of the experiment.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum Preset {
-    /// Small images and networks: minutes on two CPU cores.
+    /// Small images and networks; takes minutes on two CPU cores.
     Quick,
-    /// All 52,000 examples with the small networks: hours on a CPU.
+    /// Larger images and longer training with the small networks; takes hours on a CPU.
     Cpu,
-    /// VGA images and full-width networks, for a GPU.
+    /// VGA images and full-width networks; needs a GPU.
     Paper,
 }
 

@@ -28,7 +28,7 @@ use anyhow::{Context, Result};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let Some(threads) = cli.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
-        pool.build_global().context("the threads could not be started")?;
+        pool.build_global().context("cannot start the threads")?;
     }
     match &cli.command {
         Command::Reproduce(arguments) => reproduce::run(arguments, &Stop::listen()?, cli.json),

@@ -1,9 +1,8 @@
 //! Bodies, scenes and poses for unit tests.
 
-use crate::config::{LightConfig, TableConfig};
 use crate::pose::HandPose;
 use crate::scene::{Body, Light, Material, Scene, Shape, Table};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
 
 /// A cuboid with these sides \[m\].
@@ -24,12 +23,11 @@ pub(crate) fn block(sides: [f64; 3], center: [f64; 3]) -> Body {
 
 /// A 40 mm cube as the target, in the middle of a table at height 0, and obstacles.
 pub(crate) fn scene(obstacles: Vec<Body>) -> Scene {
-    let table = TableConfig { center_mm: [0.0; 3], size_mm: [1000.0; 2], color: [0.5; 3] };
     Scene {
-        table: Table::new(&table),
+        table: Table { center: Point3::origin(), half_size: [0.5; 2], color: [0.5; 3], texture: None },
         target: block([0.04; 3], [0.0, 0.0, 0.02]),
         obstacles,
-        light: Light::new(&LightConfig { towards_light: [0.0, 0.0, 1.0], ambient: 0.5 }),
+        light: Light { towards_light: Vector3::z_axis(), ambient: 0.5 },
         background: [0.0; 3],
     }
 }
