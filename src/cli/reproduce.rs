@@ -27,9 +27,9 @@ pub(crate) struct Reproduce {
 /// Size of the experiment.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum Preset {
-    /// Small images and networks; takes minutes on two CPU cores.
+    /// Small images and small networks; takes less than ten minutes on two CPU cores.
     Quick,
-    /// Larger images and longer training with the small networks; takes hours on a CPU.
+    /// Larger images and longer training; takes about an hour on two CPU cores.
     Cpu,
     /// VGA images and full-width networks; needs a GPU.
     Paper,
