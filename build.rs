@@ -1,11 +1,11 @@
-//! Notes the revision of the code and the versions of compiler and Burn, which published models carry in their lineage.
+//! Records the revision of the code and the versions of the compiler and Burn, for the lineage of published models.
 
-#![allow(clippy::print_stdout)] // This is how a build script speaks.
+#![allow(clippy::print_stdout)] // Cargo reads the standard output of a build script.
 
 use std::process::Command;
 
 fn main() {
-    // Where there is no checkout, as in a source archive, the revision is unknown, and the lineage says nothing of it.
+    // Without a checkout, as in a source archive, the revision is unknown and missing from the lineage.
     let output = Command::new("git").args(["rev-parse", "HEAD"]).output();
     if let Some(output) = output.ok().filter(|output| output.status.success()) {
         let revision = String::from_utf8_lossy(&output.stdout);

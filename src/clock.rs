@@ -1,14 +1,14 @@
-//! The time of day, for what people read in a log or how old a file is. No result depends on it.
+//! The time of day, for timestamps and the age of files. No result depends on it.
 
 use std::time::SystemTime;
 
-/// The time now.
-#[expect(clippy::disallowed_methods, reason = "for logs and the age of files, on which no result depends")]
+/// Returns the current time.
+#[expect(clippy::disallowed_methods, reason = "only for timestamps and the age of files")]
 pub(crate) fn now() -> SystemTime {
     SystemTime::now()
 }
 
-/// A time as RFC 3339 in UTC, `2026-11-22T10:00:00Z`. What lies before 1970 is 1970.
+/// Formats a time as RFC 3339 in UTC: `2026-11-22T10:00:00Z`. Times before 1970 become the start of 1970.
 pub(crate) fn rfc3339(time: SystemTime) -> String {
     let seconds = time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_secs();
     let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
@@ -30,7 +30,7 @@ pub(crate) fn rfc3339(time: SystemTime) -> String {
     format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
 }
 
-/// Days of a year of the Gregorian calendar.
+/// Returns the number of days of a year in the Gregorian calendar.
 fn days(year: u64) -> u64 {
     let leap = year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     if leap { 366 } else { 365 }
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    /// Seconds from `date -u +%s -d TIME`.
+    /// The seconds come from `date -u +%s -d TIME`.
     #[test]
     fn known_times() {
         for (seconds, expected) in [

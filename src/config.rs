@@ -1,46 +1,16 @@
-//! Reads a configuration: a TOML file, the files that its tables extend, and what `--set` changes.
+//! Reads a configuration: a TOML file, the files that its tables extend, and the changes by `--set`.
 //!
-//! Two rules. A table with a key `extends = "path"` is that file's table (path relative to the file that says so) overlaid by the
-//! table's other keys, sub-tables key by key. `--set a.b.0.c=value` then sets one key; a number in a path is an index into an
-//! array. What comes out is complete, and is what gets written beside every result.
+//! There are two rules. A table with a key `extends = "path"` is the table in that file (with the path relative to the extending
+//! file), overlaid by the other keys; subtables are merged key by key. Then each `--set a.b.0.c=value` sets one key, where a
+//! number is an index into an array. The resolved configuration is complete and is written next to the results.
 
+use crate::error::bad_input;
 use anyhow::{Context, Result, anyhow, bail};
 use serde::de::DeserializeOwned;
-use std::fmt;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Bad usage or a bad configuration: exit code 2, where other failures are 1.
-#[derive(Debug)]
-pub(crate) struct BadInput(String);
-
-impl fmt::Display for BadInput {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for BadInput {}
-
-/// Marks an error as the user's input.
-pub(crate) fn bad_input(error: impl Into<anyhow::Error>) -> anyhow::Error {
-    anyhow!(BadInput(in_words(&error.into())))
-}
-
-/// An error with its causes in one line. Some errors tell their cause themselves: what was said is not said again.
-pub(crate) fn in_words(error: &anyhow::Error) -> String {
-    let mut words = String::new();
-    for cause in error.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {
-        if words.is_empty() {
-            words = cause;
-        } else if !words.contains(&cause) {
-            words = format!("{words}: {cause}");
-        }
-    }
-    words
-}
-
-/// A configuration with everything that it extends, before it is given a type.
+/// A resolved configuration, not yet parsed into its type.
 #[derive(Debug, Clone)]
 pub(crate) struct Config {
     path: PathBuf,
@@ -48,7 +18,7 @@ pub(crate) struct Config {
 }
 
 impl Config {
-    /// Reads and resolves a file, then applies `--set`.
+    /// Reads a file, resolves `extends` and applies the arguments of `--set`.
     pub(crate) fn load(path: &Path, overrides: &[String]) -> Result<Self> {
         let resolve = || -> Result<Table> {
             let mut table = read(path, &mut Vec::new())?;
@@ -60,14 +30,14 @@ impl Config {
         Ok(Self { path: path.to_owned(), table: resolve().map_err(bad_input)? })
     }
 
-    /// Gives the configuration its type: every key must be known and present.
+    /// Parses the configuration. Unknown and missing keys are errors.
     pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T> {
         let parsed: Result<T, toml::de::Error> = T::deserialize(self.table.clone());
         parsed
             .map_err(|error| bad_input(anyhow!("{}: {}", self.path.display(), error.to_string().trim_end())))
     }
 
-    /// Adds the file's name to an error of its values.
+    /// Adds the file name to an error about a value.
     pub(crate) fn check<T, E: std::error::Error + Send + Sync + 'static>(
         &self,
         result: Result<T, E>,
@@ -76,6 +46,7 @@ impl Config {
     }
 }
 
+/// Reads a file and resolves `extends`. `opened` holds the files that are being resolved.
 fn read(path: &Path, opened: &mut Vec<PathBuf>) -> Result<Table> {
     let here = path.canonicalize().with_context(|| format!("{}: cannot be opened", path.display()))?;
     if opened.contains(&here) {
@@ -90,7 +61,7 @@ fn read(path: &Path, opened: &mut Vec<PathBuf>) -> Result<Table> {
     resolved
 }
 
-/// Replaces `extends` in a table and in all tables below it.
+/// Resolves `extends` in a table and in all of its subtables.
 fn extend(mut table: Table, file: &Path, opened: &mut Vec<PathBuf>) -> Result<Table> {
     let base = match table.remove("extends") {
         None => Table::new(),
@@ -118,6 +89,7 @@ fn extend_value(value: Value, file: &Path, opened: &mut Vec<PathBuf>) -> Result<
     })
 }
 
+/// Merges two tables; the keys of `overlay` take precedence.
 fn overlaid(mut base: Table, overlay: Table) -> Table {
     for (key, value) in overlay {
         let merged = match (base.remove(&key), value) {
@@ -129,7 +101,7 @@ fn overlaid(mut base: Table, overlay: Table) -> Table {
     base
 }
 
-/// Sets the key that `key=value` names. A value that is not TOML is taken as a string.
+/// Applies an assignment `key=value`. A value that is not valid TOML is taken as a string.
 fn set(table: &mut Table, assignment: &str) -> Result<()> {
     let (path, text) = assignment.split_once('=').context("expected key=value")?;
     let value = format!("value = {text}").parse::<Table>().ok().and_then(|mut parsed| parsed.remove("value"));
@@ -141,7 +113,7 @@ fn set(table: &mut Table, assignment: &str) -> Result<()> {
     let mut keys = keys.into_iter().peekable();
     while let Some(key) = keys.next() {
         seen = if seen.is_empty() { key.to_owned() } else { format!("{seen}.{key}") };
-        let below = place.get_mut(key).with_context(|| format!("there is no key {seen}"))?;
+        let below = place.get_mut(key).with_context(|| format!("unknown key {seen}"))?;
         place = match (below, keys.peek().and_then(|next| next.parse::<usize>().ok())) {
             (Value::Table(inner), _) => inner,
             (Value::Array(items), Some(index)) => {
@@ -155,7 +127,7 @@ fn set(table: &mut Table, assignment: &str) -> Result<()> {
     }
     if !place.contains_key(last) {
         let known: Vec<&str> = place.keys().map(String::as_str).collect();
-        bail!("there is no key {path}; at that place there are: {}", known.join(", "));
+        bail!("unknown key {path}; known keys: {}", known.join(", "));
     }
     place.insert(last.to_owned(), value);
     Ok(())
@@ -192,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn set_changes_one_key_also_within_an_array() {
+    fn set_changes_one_key_even_in_an_array() {
         let main =
             ("main.toml", "count = 1\nname = 'x'\n[[motions]]\nshare = 0.5\n[[motions]]\nshare = 0.5\n");
         let table = resolved(&[main], &["count=4000", "motions.1.share=0.25", "name=y-z"]).unwrap();
@@ -205,7 +177,7 @@ mod tests {
         let cycle = resolved(&[("main.toml", "extends = 'main.toml'")], &[]).unwrap_err();
         assert!(cycle.to_string().contains("main.toml: extends itself"), "{cycle}");
         let unknown = resolved(&[("main.toml", "count = 1")], &["cuont=2"]).unwrap_err();
-        assert!(unknown.to_string().contains("no key cuont; at that place there are: count"), "{unknown}");
+        assert!(unknown.to_string().contains("unknown key cuont; known keys: count"), "{unknown}");
         let missing = resolved(&[("main.toml", "extends = 'nowhere.toml'")], &[]).unwrap_err();
         assert!(missing.to_string().contains("nowhere.toml: cannot be opened"), "{missing}");
         let index = resolved(&[("main.toml", "m = [{ a = 1 }]")], &["m.3.a=2"]).unwrap_err();

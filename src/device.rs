@@ -1,34 +1,34 @@
-//! Where tensors live. The only file that names a backend of Burn.
+//! Devices for tensors. This is the only file that names a backend of Burn.
 
-use crate::config::bad_input;
+use crate::error::bad_input;
 use anyhow::{Result, anyhow};
 use burn::prelude::{Device, Tensor};
 use clap::ValueEnum;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::{Arc, OnceLock};
 
-/// What `--device` takes.
+/// Value of `--device`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum DeviceChoice {
-    /// A graphics processor if this build and this machine have one, the CPU otherwise.
+    /// A GPU if this build supports one and the machine has one, otherwise the CPU.
     Auto,
-    /// The CPU.
+    /// CPU.
     Cpu,
-    /// A graphics processor through Vulkan, or through Metal on a Mac (cargo feature `wgpu`).
+    /// A GPU through Vulkan, or Metal on a Mac (cargo feature `wgpu`).
     Wgpu,
-    /// A driver that computes on the CPU: slow, a test of `wgpu` without a graphics processor (cargo feature `wgpu-software`).
+    /// A Vulkan driver that computes on the CPU: slow, to test `wgpu` without a GPU (cargo feature `wgpu-software`).
     WgpuSoftware,
-    /// An NVIDIA graphics processor through CUDA (cargo feature `cuda`).
+    /// An NVIDIA GPU through CUDA (cargo feature `cuda`).
     Cuda,
 }
 
 impl DeviceChoice {
-    /// Its name on the command line.
+    /// Returns the name on the command line.
     fn name(self) -> String {
         self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
     }
 
-    /// The cargo feature that it needs and that this build lacks.
+    /// Returns the cargo feature that the choice needs, if this build lacks it.
     fn missing_feature(self) -> Option<&'static str> {
         match self {
             Self::Wgpu if !cfg!(feature = "wgpu-software") => Some("wgpu"),
@@ -39,19 +39,19 @@ impl DeviceChoice {
     }
 }
 
-/// A device and how to call it in front of people.
+/// An open device and its name for display.
 pub(crate) struct Opened {
-    /// The device.
+    /// Device.
     pub(crate) device: Device,
-    /// Its name.
+    /// Name for display.
     pub(crate) name: String,
 }
 
-/// Opens the device that was asked for.
+/// Opens a device.
 pub(crate) fn open(choice: DeviceChoice) -> Result<Opened> {
     if let Some(feature) = choice.missing_feature() {
         return Err(bad_input(anyhow!(
-            "--device {}: this program was built without it; build with `cargo build --release --features {feature}`, \
+            "--device {}: not part of this build; build with `cargo build --release --features {feature}`, \
              or use --device cpu",
             choice.name()
         )));
@@ -72,7 +72,7 @@ pub(crate) fn open(choice: DeviceChoice) -> Result<Opened> {
     Err(bad_input(anyhow!("--device {name}: this machine has no such device; it has {}", others.join("; "))))
 }
 
-/// Whether a device that computes is what was asked for. Nobody gets a software rasterizer without asking for one.
+/// Returns whether a working device satisfies a choice. A software rasterizer is used only on request.
 fn fits(choice: DeviceChoice, found: DeviceChoice) -> bool {
     match choice {
         DeviceChoice::Auto => found != DeviceChoice::WgpuSoftware,
@@ -80,21 +80,21 @@ fn fits(choice: DeviceChoice, found: DeviceChoice) -> bool {
     }
 }
 
-/// A device that a driver reports, not opened yet.
+/// A device that a driver reports. It is not open yet.
 struct Candidate {
     choice: DeviceChoice,
     device: Device,
 }
 
 impl Candidate {
-    /// Opens the device and lets it add two numbers, since a driver may come without the compiler that its kernels need.
+    /// Opens the device and runs an addition on it, because a driver may lack the compiler for its kernels.
     fn open(self) -> Result<(DeviceChoice, Opened), String> {
         let Self { choice, device } = self;
         let card = attempt(|| {
             (Tensor::<1>::ones([1], &device) + 1.0).into_data();
             card(&device)
         });
-        match card.map_err(|reason| format!("{}: one that does not open ({reason})", choice.name()))? {
+        match card.map_err(|reason| format!("{}: a device that does not open ({reason})", choice.name()))? {
             None => Ok((choice, Opened { device, name: "CPU".to_owned() })),
             Some(card) => {
                 let choice = if is_software(&card) { DeviceChoice::WgpuSoftware } else { choice };
@@ -104,7 +104,7 @@ impl Candidate {
     }
 }
 
-/// Software rasterizers by their names, for those that drivers pass off as something else, as in a virtual machine.
+/// Returns whether a device name is that of a software rasterizer. Drivers may report one as a GPU, as in a virtual machine.
 fn is_software(card: &str) -> bool {
     let card = card.to_lowercase();
     ["llvmpipe", "lavapipe", "softpipe", "swrast", "swiftshader", "basic render driver"]
@@ -112,7 +112,7 @@ fn is_software(card: &str) -> bool {
         .any(|name| card.contains(name))
 }
 
-/// Runs what may panic in a driver, without the panic's print. Its words may come from a thread that Burn started.
+/// Runs code in which a driver may panic. Returns the panic message, also from a thread that Burn started, instead of printing it.
 fn attempt<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     let words = Arc::new(OnceLock::new());
     let heard = Arc::clone(&words);
@@ -126,7 +126,7 @@ fn attempt<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     result.map_err(|_| words.get().cloned().unwrap_or_default())
 }
 
-/// Everything that this build can reach on this machine, best first.
+/// Returns the devices of this machine that this build supports, best first.
 fn candidates() -> Vec<Candidate> {
     [cuda(), wgpu(), vec![cpu()]].into_iter().flatten().collect()
 }
@@ -135,7 +135,7 @@ fn cpu() -> Candidate {
     Candidate { choice: DeviceChoice::Cpu, device: Device::flex() }
 }
 
-/// The name of the card behind a device; none for the CPU.
+/// Returns the name of the card behind a device, or `None` for the CPU.
 #[cfg(any(feature = "wgpu-software", feature = "cuda"))]
 fn card(device: &Device) -> Option<String> {
     device.identity().map(|identity| identity.name)
@@ -146,7 +146,7 @@ fn card(_: &Device) -> Option<String> {
     None
 }
 
-/// What drivers report of a kind; nothing if they fail.
+/// Returns the devices of a kind that drivers report. A driver that fails reports none.
 #[cfg(any(feature = "wgpu-software", feature = "cuda"))]
 fn enumerate(kind: burn::tensor::DeviceType) -> Vec<Device> {
     attempt(|| Device::enumerate(kind).into_vec()).unwrap_or_default()
@@ -158,7 +158,7 @@ fn cuda() -> Vec<Candidate> {
     devices.into_iter().map(|device| Candidate { choice: DeviceChoice::Cuda, device }).collect()
 }
 
-/// Cards with memory of their own come first, software rasterizers last.
+/// Returns the wgpu devices: discrete GPUs first, software rasterizers last.
 #[cfg(feature = "wgpu-software")]
 fn wgpu() -> Vec<Candidate> {
     use burn::backend::{CubeDevice, DispatchDevice, WgpuDevice, WgpuDeviceKind};
@@ -194,7 +194,7 @@ mod tests {
     const SOFTWARE: DeviceChoice = DeviceChoice::WgpuSoftware;
 
     #[test]
-    fn a_software_rasterizer_is_taken_only_when_it_is_asked_for() {
+    fn a_software_rasterizer_is_used_only_on_request() {
         for choice in DeviceChoice::value_variants() {
             assert_eq!(fits(*choice, SOFTWARE), *choice == SOFTWARE, "{choice:?}");
         }
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_a_driver_is_an_error_with_the_words_of_its_thread() {
+    fn a_panic_of_a_driver_is_an_error_with_the_message_of_its_thread() {
         let thread = || std::thread::spawn(|| panic!("no driver {}", 7)).join().expect("the driver's thread");
         assert_eq!(attempt(thread), Err::<(), _>("no driver 7".to_owned()));
         assert_eq!(attempt(|| 7), Ok(7));

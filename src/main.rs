@@ -1,7 +1,7 @@
-//! `flowservo`: the one place that prints, knows devices and terminals, and wires the crates together.
+//! `flowservo`: combines the libraries into a program. Only this crate prints and chooses devices.
 
 #![forbid(unsafe_code)]
-// Burn's wgpu types nest deeper than the default allows.
+// Burn's wgpu types are nested deeper than the default limit.
 #![recursion_limit = "256"]
 
 mod cli;
@@ -9,6 +9,9 @@ mod clock;
 mod commands;
 mod config;
 mod device;
+mod error;
+mod file;
+mod memory;
 mod output;
 mod progress;
 mod stop;
@@ -19,13 +22,11 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     train::memory::keep_freed();
-    let cli = cli::Cli::parse();
-    match commands::run(&cli) {
+    match commands::run(&cli::Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            note!("error: {}", config::in_words(&error));
-            let usage = error.chain().any(<dyn std::error::Error>::is::<config::BadInput>);
-            ExitCode::from(if usage { 2 } else { 1 })
+            note!("error: {}", error::message(&error));
+            error::exit_code(&error)
         }
     }
 }

@@ -1,28 +1,30 @@
-//! Standard output and standard error, written so that a closed pipe is no crash: the macros `out!` and `note!` stand in the
-//! place of `println!` and `eprintln!`, which panic there.
+//! Standard output and standard error. The macros `out!` and `note!` replace `println!` and `eprintln!`, which panic on a closed
+//! pipe.
 
+use anyhow::Result;
+use serde::Serialize;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
 
-/// What a shell sees of a program whose reader went away (128 + SIGPIPE), as after `head`.
+/// Exit code of a program whose reader has closed the pipe (128 + SIGPIPE), as after `head`.
 const CLOSED_PIPE: i32 = 141;
 
-/// Prints a line of the result. Without a reader there is nothing left to do, so the program ends.
+/// Prints a line of the result to standard output. Exits the program if nobody reads it.
 macro_rules! out {
     ($($argument:tt)*) => { $crate::output::line(format_args!($($argument)*)) };
 }
 pub(crate) use out;
 
-/// Prints a line about how it goes. Without a reader the work goes on.
+/// Prints a message to standard error. The work continues if nobody reads it.
 macro_rules! note {
     ($($argument:tt)*) => { $crate::output::remark(format_args!($($argument)*)) };
 }
 pub(crate) use note;
 
-/// What `out!` does.
+/// Implements `out!`.
 pub(crate) fn line(text: Arguments<'_>) {
     let mut stdout = std::io::stdout().lock();
-    // Flushed here, where an error is noticed: at the program's end it would not be.
+    // Flushes here because an error at the end of the program would go unnoticed.
     if let Err(error) = writeln!(stdout, "{text}").and_then(|()| stdout.flush()) {
         if error.kind() == ErrorKind::BrokenPipe {
             std::process::exit(CLOSED_PIPE);
@@ -32,8 +34,16 @@ pub(crate) fn line(text: Arguments<'_>) {
     }
 }
 
-/// What `note!` does.
+/// Implements `note!`.
 pub(crate) fn remark(text: Arguments<'_>) {
-    // No one is left to tell of an error.
+    // There is nowhere left to report an error.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// Prints a result as one line of JSON if `--json` is given.
+pub(crate) fn print_json(requested: bool, result: &impl Serialize) -> Result<()> {
+    if requested {
+        out!("{}", serde_json::to_string(result)?);
+    }
+    Ok(())
 }

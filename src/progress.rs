@@ -1,5 +1,4 @@
-//! Progress for people: a bar with rate and remaining time on a terminal, a plain line now and then elsewhere.
-//! All of it goes to standard error; results go to standard output.
+//! Progress display on standard error: on a terminal a bar with rate and remaining time, otherwise an occasional plain line.
 
 use crate::output::note;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
@@ -9,12 +8,12 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// One stage of work, counted in steps.
+/// Progress of a stage of work, counted in steps.
 pub(crate) struct Progress {
     name: String,
     unit: &'static str,
     done: AtomicU64,
-    /// Of it, what was done before the stage began.
+    /// Steps done before the stage began.
     before: AtomicU64,
     total: AtomicU64,
     started: Instant,
@@ -28,11 +27,11 @@ struct Plain {
     last: Instant,
 }
 
-/// Plain lines come at every tenth of the work, and no more often than this.
+/// Least time between plain lines, which come at every tenth of the work.
 const PLAIN_PAUSE: Duration = Duration::from_secs(5);
 
 impl Progress {
-    /// Begins to show a stage of `total` steps, each a `unit` (plural).
+    /// Starts the display of a stage of `total` steps. `unit` is the plural noun for a step.
     pub(crate) fn start(name: &str, unit: &'static str, total: u64) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(total);
@@ -41,7 +40,7 @@ impl Progress {
             );
             if let Ok(style) = ProgressStyle::with_template(&template) {
                 bar.set_style(style.with_key("rate", |state: &ProgressState, text: &mut dyn fmt::Write| {
-                    // A bar has no one to tell of an error.
+                    // A progress bar cannot report an error.
                     let _ = write!(text, "{:.1}/s", state.per_sec());
                 }));
             }
@@ -62,7 +61,7 @@ impl Progress {
         }
     }
 
-    /// Says how far the stage is, and in a few words how it goes.
+    /// Sets the number of finished steps and shows a short message.
     pub(crate) fn update(&self, done: u64, message: &str) {
         self.done.store(done, Ordering::Relaxed);
         self.show(done, message);
@@ -72,7 +71,7 @@ impl Progress {
         let Ok(mut plain) = self.plain.lock() else { return };
         if let Some(bar) = &self.bar {
             bar.set_position(done);
-            // On a line of its own there is room for it.
+            // The message has a line of its own, where there is room for it.
             bar.set_message(if message.is_empty() { String::new() } else { format!("\n  {message}") });
             return;
         }
@@ -90,19 +89,19 @@ impl Progress {
         );
     }
 
-    /// Says how far a stage is whose size was not known at its start.
+    /// Like [`Progress::update`], for a stage whose size was not known at the start.
     pub(crate) fn update_of(&self, done: u64, total: u64, message: &str) {
         self.set_total(total);
         self.update(done, message);
     }
 
-    /// Says how far the stage is, and how much of it was done before the stage began.
+    /// Sets the number of finished steps, including those done before the stage began.
     pub(crate) fn update_from(&self, before: u64, done: u64) {
         self.before.store(before, Ordering::Relaxed);
         self.update(done, "");
     }
 
-    /// Begins where another run stopped: what was done before counts for the bar, not for the rate.
+    /// Continues a previous run. Its steps count for the bar, but not for the rate.
     pub(crate) fn begin_at(&self, done: u64, total: u64) {
         self.set_total(total);
         self.done.store(done, Ordering::Relaxed);
@@ -123,13 +122,13 @@ impl Progress {
         }
     }
 
-    /// One more step, from any thread.
+    /// Adds one finished step. May be called from any thread.
     pub(crate) fn advance(&self) {
         let before = self.done.fetch_add(1, Ordering::Relaxed);
         self.show(before + 1, "");
     }
 
-    /// A line of its own, above the bar.
+    /// Prints a line above the bar.
     pub(crate) fn say(&self, line: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| note!("{line}")),
@@ -137,12 +136,12 @@ impl Progress {
         }
     }
 
-    /// Seconds since the stage began.
+    /// Returns the seconds since the stage began.
     pub(crate) fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }
 
-    /// Ends the stage's display; returns its seconds.
+    /// Ends the display. Returns the duration of the stage in seconds.
     pub(crate) fn finish(self) -> f64 {
         let seconds = self.seconds();
         if let Some(bar) = &self.bar {
@@ -154,14 +153,7 @@ impl Progress {
     }
 }
 
+/// Returns the separator before a message, if there is one.
 fn comma(message: &str) -> &'static str {
     if message.is_empty() { "" } else { ", " }
-}
-
-/// Largest memory that this process has held \[MB\]; `None` where the system does not tell.
-pub(crate) fn peak_rss_mb() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kibibytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kibibytes * 1024.0 / 1e6)
 }

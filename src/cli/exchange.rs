@@ -1,6 +1,7 @@
 //! The commands of `model` that connect a registry with the rest of the world.
 
-use super::{RegistryArgs, RemarkArgs};
+use super::model::RemarkArgs;
+use super::registry::RegistryArgs;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 

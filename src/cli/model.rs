@@ -1,6 +1,6 @@
 //! Arguments of `flowservo model alias`, `yank` and `gc`.
 
-use super::RegistryArgs;
+use super::registry::RegistryArgs;
 use clap::Args;
 use std::time::Duration;
 

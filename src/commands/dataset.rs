@@ -1,10 +1,11 @@
 //! `flowservo dataset`: make datasets and look into them.
 
-use super::{inspect, print_json, replay};
+use super::{inspect, replay};
 use crate::cli;
 use crate::config::Config;
-use crate::output::out;
-use crate::progress::{Progress, peak_rss_mb};
+use crate::memory::peak_rss_mb;
+use crate::output::{out, print_json};
+use crate::progress::Progress;
 use crate::stop::Stop;
 use anyhow::Result;
 use datagen::finish::Finished;

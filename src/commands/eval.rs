@@ -1,10 +1,10 @@
 //! `flowservo eval`: runs servo sessions and computes Table 1.
 
-use super::{print_json, write_file};
 use crate::cli;
 use crate::config::Config;
 use crate::device::{self, Opened};
-use crate::output::out;
+use crate::file::write_file;
+use crate::output::{out, print_json};
 use crate::progress::Progress;
 use crate::stop::Stop;
 use anyhow::{Context, Result};

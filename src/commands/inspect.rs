@@ -1,9 +1,9 @@
 //! `flowservo dataset info` and `show`: what a dataset holds, in numbers and in pictures.
 
-use super::{print_json, write_file};
 use crate::cli;
-use crate::config::bad_input;
-use crate::output::out;
+use crate::error::bad_input;
+use crate::file::write_file;
+use crate::output::{out, print_json};
 use ::report::dataset::contact_sheet::contact_sheet;
 use ::report::dataset::selection::{drawn, evenly_spread};
 use anyhow::{Result, anyhow};

@@ -1,12 +1,11 @@
 //! `flowservo model`: the registry of versioned checkpoints.
 
 use super::{
-    model_alias, model_attach, model_diff, model_export, model_gc, model_show, model_sign, print_json,
-    provenance,
+    model_alias, model_attach, model_diff, model_export, model_gc, model_show, model_sign, provenance,
 };
 use crate::cli;
-use crate::config::bad_input;
-use crate::output::{note, out};
+use crate::error::bad_input;
+use crate::output::{note, out, print_json};
 use anyhow::{Context, Result, bail};
 use registry::{
     Location, Model, ModelName, ModelRef, ModelVersion, Published, Pulled, Registry, Remark, Selector,

@@ -1,11 +1,10 @@
 //! `flowservo model alias` and `yank`: what is said about versions, and may change.
 
 use super::model::{told, warn};
-use super::print_json;
 use crate::cli::{AliasArgs, RemarkArgs, Yank};
 use crate::clock;
-use crate::config::bad_input;
-use crate::output::out;
+use crate::error::bad_input;
+use crate::output::{out, print_json};
 use anyhow::{Result, anyhow};
 use registry::{AliasName, Entry, Expect, ModelName, ModelRef, Registry, Remark, Selector};
 use serde_json::json;

@@ -1,11 +1,11 @@
 //! `flowservo model attach`: what is said of a version after it was published.
 
+use super::eval;
 use super::model::{reference, warn};
 use super::model_alias::remark;
-use super::{eval, print_json};
 use crate::cli::{Attach, RemarkArgs};
-use crate::config::bad_input;
-use crate::output::out;
+use crate::error::bad_input;
+use crate::output::{out, print_json};
 use ::eval::EvalConfig;
 use ::eval::results::metrics;
 use ::eval::results::system::System;

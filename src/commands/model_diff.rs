@@ -1,8 +1,7 @@
 //! `flowservo model diff`: what two versions differ in.
 
 use super::model::{reference, warn};
-use super::print_json;
-use crate::output::out;
+use crate::output::{out, print_json};
 use anyhow::Result;
 use registry::{Change, Compared, Registry};
 use std::fmt::Display;

@@ -1,9 +1,9 @@
 //! `flowservo model predict|export|import`: a model outside of its registry.
 
-use super::{model, model_attach, model_sign, predict, print_json};
+use super::{model, model_attach, model_sign, predict};
 use crate::cli::{Exchange, ExportFormat};
-use crate::config::bad_input;
-use crate::output::out;
+use crate::error::bad_input;
+use crate::output::{out, print_json};
 use anyhow::{Result, anyhow};
 use registry::{Location, ModelName, Published, Registry};
 use std::path::Path;

@@ -1,9 +1,8 @@
 //! `flowservo model gc`: shows what nothing needs any more, and deletes it if asked to.
 
-use super::print_json;
 use crate::cli::Gc;
 use crate::clock;
-use crate::output::out;
+use crate::output::{out, print_json};
 use anyhow::Result;
 use registry::{Garbage, Registry};
 use serde::Serialize;

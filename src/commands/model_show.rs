@@ -1,8 +1,7 @@
 //! `flowservo model show`: a version, and what is attached to it.
 
 use super::model::{reference, told, warn};
-use super::print_json;
-use crate::output::out;
+use crate::output::{out, print_json};
 use anyhow::Result;
 use registry::{Attachment, Entry, Evaluation, Lineage, Location, Metric, ModelVersion, Registry};
 use serde::Serialize;

@@ -1,10 +1,10 @@
 //! `flowservo model sign` and `verify --public-key`: who vouches for a model.
 
+use super::model;
 use super::model_attach::{attach, read_signature};
-use super::{model, print_json};
 use crate::cli::RemarkArgs;
-use crate::config::bad_input;
-use crate::output::out;
+use crate::error::bad_input;
+use crate::output::{out, print_json};
 use anyhow::{Context, Result, bail};
 use registry::{
     Attached, Attachment, Location, ModelVersion, PrivateKey, PublicKey, Registry, Signature, SignedFiles,

@@ -1,9 +1,8 @@
 //! `flowservo model predict`: what a network says about images from anywhere.
 
-use super::print_json;
-use crate::config::bad_input;
 use crate::device::{self, DeviceChoice};
-use crate::output::out;
+use crate::error::bad_input;
+use crate::output::{out, print_json};
 use anyhow::{Context, Result, anyhow};
 use image::RgbImage;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! What a checkpoint is published with: where it comes from, how good it is, what goes in and comes out.
+//! The provenance that is published with a checkpoint: lineage, metrics, and the interface of the network.
 
 use crate::clock;
 use anyhow::{Context, Result};
@@ -10,10 +10,10 @@ use train::config::Task;
 use train::description::Description;
 use train::metric::Metrics;
 
-/// Of a checkpoint that is published now.
+/// Collects the provenance of a checkpoint, with the current time as its time of publication.
 pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {
     let info = ModelInfo::read(checkpoint)
-        .with_context(|| format!("{} is not the folder of a checkpoint", checkpoint.display()))?;
+        .with_context(|| format!("{} is not a checkpoint folder", checkpoint.display()))?;
     let metrics = info.epoch.as_ref().map(|epoch| validation(&epoch.validation)).unwrap_or_default();
     let serde_json::Value::Object(described) = serde_json::to_value(Description::complete(checkpoint)?)?
     else {
@@ -21,13 +21,13 @@ pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {
     };
     let purpose = match info.task {
         Task::Approach { .. } => {
-            "CNN_approach: from the current and the goal image to the motion of the hand that makes one the other"
+            "CNN_approach: from the current and the goal image to the hand motion that turns one into the other"
         }
         Task::Avoidance { .. } => "CNN_avoid: from the current image to the risk of each direction of motion",
     };
-    let told = ["camera", "input", "output"];
+    let published = ["camera", "input", "output"];
     let mut interface: BTreeMap<_, _> =
-        described.into_iter().filter(|(key, _)| told.contains(&key.as_str())).collect();
+        described.into_iter().filter(|(key, _)| published.contains(&key.as_str())).collect();
     interface.insert("purpose".to_owned(), purpose.into());
     let weights = format!("sha256:{}", info.weights_sha256).parse()?;
     let expected = BTreeMap::from([(WEIGHTS.to_owned(), weights)]);
@@ -35,6 +35,7 @@ pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {
     Ok(Provenance { lineage: lineage(&info, checkpoint)?, metrics, interface, created, expected })
 }
 
+/// Returns the inputs from which the checkpoint was trained.
 fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {
     let mut datasets = BTreeMap::new();
     for source in &info.datasets {
@@ -55,7 +56,7 @@ fn lineage(info: &ModelInfo, checkpoint: &Path) -> Result<Lineage> {
     })
 }
 
-/// How good the network is on the part of its data that was held out.
+/// Returns the metrics on the validation set.
 fn validation(metrics: &Metrics) -> BTreeMap<String, f64> {
     let named = match metrics {
         Metrics::Approach(m) => [

@@ -1,7 +1,7 @@
 //! `flowservo dataset replay`: makes a row again and compares it with what is stored.
 
-use super::{print_json, write_file};
-use crate::output::out;
+use crate::file::write_file;
+use crate::output::{out, print_json};
 use anyhow::{Context, Result, bail};
 use datagen::replay::Comparison;
 use datagen::{DatasetReader, Replay};

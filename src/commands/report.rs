@@ -1,7 +1,8 @@
 //! `report.html`: the results of `reproduce` on one page.
 
-use super::reproduce::{Reproduced, SystemConfig};
-use super::{train, write_file};
+use super::experiment::{Reproduced, SystemConfig};
+use super::train;
+use crate::file::write_file;
 use ::eval::results::published::proposed_method;
 use ::eval::results::system::System;
 use ::eval::{Outcome, SessionRecord};

@@ -1,11 +1,13 @@
 //! `flowservo train`: one network from its configuration and its datasets.
 
-use super::{print_json, warm_start, write_file};
+use super::warm_start;
 use crate::cli;
 use crate::config::Config;
 use crate::device::{self, Opened};
-use crate::output::{note, out};
-use crate::progress::{Progress, peak_rss_mb};
+use crate::file::write_file;
+use crate::memory::peak_rss_mb;
+use crate::output::{note, out, print_json};
+use crate::progress::Progress;
 use crate::stop::Stop;
 use ::report::training_curves::{Epoch, TrainingCurve, training_curves};
 use anyhow::Result;

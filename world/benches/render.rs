@@ -1,4 +1,4 @@
-//! What one image, one avoidance map and one pose of the arm cost: `cargo bench -p world`.
+//! Time per image, avoidance map, contact test and inverse kinematics: `cargo bench -p world`.
 #![allow(clippy::unwrap_used)]
 
 use divan::Bencher;
@@ -12,20 +12,20 @@ fn main() {
     divan::main();
 }
 
-/// What stands on the table.
+/// Scene of a benchmark.
 #[derive(Debug, Clone, Copy)]
 enum Table {
     /// A cuboid, as in Dataset A.
     Cuboid,
     /// A cylinder and three obstacles, as in Dataset C.
     Obstacles,
-    /// The same with the onlooker's view of the arm: balls and slanted cylinders.
+    /// The same, with the arm seen from outside: balls and slanted cylinders.
     Arm,
 }
 
 const TABLES: [Table; 3] = [Table::Cuboid, Table::Obstacles, Table::Arm];
 
-/// Pixels of the images on which the target's area is measured.
+/// Size of the images in which the area of the target is measured \[pixels\].
 const JUDGED: (u32, u32) = (64, 48);
 
 fn environment() -> Environment {
@@ -58,12 +58,12 @@ fn scene(environment: &Environment, table: Table) -> Scene {
     scene
 }
 
-/// 80 mm above the target, turned and tilted a little.
+/// A slightly turned and tilted pose 80 mm above the target.
 fn hand() -> HandPose {
     HandPose { position: Vector3::new(0.37, 0.17, 0.08), angles: Vector3::new(0.05, -0.04, 0.1) }
 }
 
-/// Where the image is taken from: the wrist, or beside the table if the arm is to be seen.
+/// Returns the camera pose: at the wrist, or beside the table to see the arm.
 fn view(environment: &Environment, table: Table) -> Isometry3<f64> {
     match table {
         Table::Arm => {
@@ -101,7 +101,7 @@ fn avoidance_map(bencher: Bencher) {
     bencher.counter(ItemsCount::new(1_u32)).bench(|| environment.avoidance_map(&scene, &hand));
 }
 
-/// Does the hand touch anything?
+/// Contacts of the hand with the scene.
 #[divan::bench]
 fn contacts(bencher: Bencher) {
     let environment = environment();
@@ -109,7 +109,7 @@ fn contacts(bencher: Bencher) {
     bencher.counter(ItemsCount::new(1_u32)).bench(|| environment.hand.contacts(&hand, &scene));
 }
 
-/// Joint angles of a pose that the arm reaches, and of one that it does not.
+/// Inverse kinematics for a reachable and an unreachable pose.
 #[divan::bench(args = [0.37, 0.60])]
 fn joints(bencher: Bencher, x: f64) {
     let arm: Arm = environment().arm;

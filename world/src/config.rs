@@ -1,30 +1,30 @@
-//! What `configs/world.toml` says.
+//! Configuration of the virtual environment, as in `configs/world.toml`.
 
+use crate::color::Color;
 use crate::error::{Error, Result};
-use crate::scene::Color;
 use serde::{Deserialize, Serialize};
 
-/// The whole virtual environment but for what stands on the table.
+/// Configuration of the virtual environment, without the objects on the table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WorldConfig {
-    /// The wrist camera.
+    /// Wrist camera.
     pub camera: CameraConfig,
-    /// The table.
+    /// Table.
     pub table: TableConfig,
-    /// The light.
+    /// Light.
     pub light: LightConfig,
-    /// Colors of what stands on the table.
+    /// Colors of the objects and the background.
     pub colors: ColorConfig,
-    /// The arm.
+    /// Arm.
     pub arm: ArmConfig,
-    /// The hand's solid parts.
+    /// Solid parts of the hand.
     pub hand: HandConfig,
     /// Ground truth of `CNN_avoid`.
     pub avoidance: AvoidanceConfig,
 }
 
-/// A pinhole camera that looks along the hand's approach direction from behind.
+/// A pinhole camera behind the hand that looks along the approach direction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraConfig {
@@ -38,25 +38,25 @@ pub struct CameraConfig {
     pub behind_hand_mm: f64,
 }
 
-/// The table top, a rectangle.
+/// The table top, a horizontal rectangle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
-    /// Centre of its surface in the robot frame.
+    /// Center of the surface in the robot frame.
     pub center_mm: [f64; 3],
-    /// Sides along the robot's x and y.
+    /// Sides along the robot's x and y axes.
     pub size_mm: [f64; 2],
-    /// Linear color.
+    /// Color.
     pub color: Color,
 }
 
-/// One distant light.
+/// A distant light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightConfig {
-    /// Direction towards the light in the robot frame, of any length.
+    /// Direction toward the light in the robot frame, as a vector of any length.
     pub towards_light: [f64; 3],
-    /// Share of the light that comes from everywhere.
+    /// Fraction of ambient light.
     pub ambient: f64,
 }
 
@@ -66,50 +66,50 @@ pub struct LightConfig {
 pub struct ColorConfig {
     /// The target (paper: white).
     pub target: Color,
-    /// The cross on top of it (paper: red).
+    /// The cross on top of the target (paper: red).
     pub cross: Color,
-    /// Width of the cross's bars, as a share of the target's shorter side.
+    /// Width of the bars of the cross, as a fraction of the shorter side of the target.
     pub cross_width: f64,
-    /// Obstacles (paper: grey).
+    /// Obstacles (paper: gray).
     pub obstacle: Color,
-    /// Beyond the table.
+    /// Background.
     pub background: Color,
 }
 
-/// HIRO's left arm, where its published descriptions differ.
+/// Parameters of HIRO's left arm that its published descriptions leave open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmConfig {
-    /// x offset of the last joint: -47 (current CAD data) or -40 (older model).
+    /// Offset of the last joint along x: -47 (current CAD data) or -40 (older model).
     pub last_offset_mm: f64,
-    /// Angle of the chest joint, held still.
+    /// Angle of the chest joint, which is fixed.
     pub chest_deg: f64,
 }
 
-/// The hand's boxes, used for collisions and reference points; axes of the hand frame.
+/// The boxes of the hand, along the axes of the hand frame. They are used for collisions and reference points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HandConfig {
-    /// Sides of the palm; its front face is the plane z = 0 of the hand frame.
+    /// Sides of the palm. Its front face is the plane z = 0 of the hand frame.
     pub palm_mm: [f64; 3],
-    /// Sides of one finger: x, y, and the length along z from the palm to the fingertip.
+    /// Sides of a finger: along x, along y, and its length along z from the palm to the fingertip.
     pub finger_mm: [f64; 3],
     /// Free space between the open fingers along y.
     pub opening_mm: f64,
 }
 
-/// Eq. (1)'s ingredients.
+/// Parameters of the avoidance map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AvoidanceConfig {
-    /// Number N of measuring points.
+    /// Number of measuring points, N.
     pub measuring_points: usize,
     /// Side of an obstacle element.
     pub element_mm: f64,
 }
 
 impl WorldConfig {
-    /// Refuses values that make no world; names the key.
+    /// Checks all values. An error names the key.
     pub fn validate(&self) -> Result<()> {
         let CameraConfig { width, height, horizontal_fov_deg: fov, behind_hand_mm: behind } = self.camera;
         require("camera.width", (8..=8192).contains(&width), &width, "8 to 8192 pixels")?;
@@ -126,7 +126,7 @@ impl WorldConfig {
         }
         let light = self.light.towards_light;
         let above = light.iter().all(|c| c.is_finite()) && light[2] > 0.0;
-        require("light.towards_light", above, &format!("{light:?}"), "a direction with z above 0")?;
+        require("light.towards_light", above, &format!("{light:?}"), "a direction with positive z")?;
         require("light.ambient", (0.0..=1.0).contains(&self.light.ambient), &self.light.ambient, "0 to 1")?;
         self.validate_colors()?;
         let cross = self.colors.cross_width;
@@ -135,12 +135,12 @@ impl WorldConfig {
         let [_, finger_y, finger_z] = self.hand.finger_mm;
         let sides = self.hand.palm_mm.into_iter().chain(self.hand.finger_mm);
         for side in sides {
-            require("hand.palm_mm, hand.finger_mm", side > 0.0, &side, "sides of more than 0")?;
+            require("hand.palm_mm, hand.finger_mm", side > 0.0, &side, "positive sides")?;
         }
-        require("hand.palm_mm", palm_z < 500.0 && finger_z < 500.0, &palm_z, "a hand of less than 500 mm")?;
+        require("hand.palm_mm", palm_z < 500.0 && finger_z < 500.0, &palm_z, "parts shorter than 500 mm")?;
         let reach = self.hand.opening_mm + 2.0 * finger_y;
         let fits = self.hand.opening_mm > 0.0 && reach <= palm_y + 1e-9;
-        require("hand.opening_mm", fits, &self.hand.opening_mm, "fingers that stand on the palm")?;
+        require("hand.opening_mm", fits, &self.hand.opening_mm, "fingers that fit on the palm")?;
         let points = self.avoidance.measuring_points;
         require("avoidance.measuring_points", (8..=10_000).contains(&points), &points, "8 to 10000")?;
         let element = self.avoidance.element_mm;

@@ -1,39 +1,36 @@
-//! The virtual environment as one value: what a configuration builds, and what data generation and servoing ask of it.
+//! The virtual environment as one value, for data generation and servoing.
 
-use crate::arm::Arm;
-use crate::avoidance::{AvoidanceMap, ObstacleElements};
+use crate::arm::{Arm, Hand, hiro};
+use crate::avoidance::{AvoidanceMap, MeasuringPoints, ObstacleElements};
 use crate::camera::Camera;
+use crate::color::Color;
 use crate::config::WorldConfig;
 use crate::error::Result;
-use crate::hand::Hand;
-use crate::hiro;
-use crate::measuring_points::MeasuringPoints;
 use crate::render::Renderer;
-use crate::scene::{Body, Color, Cross, Light, Material, Scene, Table};
-use crate::shape::Shape;
+use crate::scene::{Body, Cross, Light, Material, Scene, Shape, Table};
 use crate::units::mm;
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3};
 
-/// Camera, renderer, arm, hand and measuring points of one configuration.
+/// Camera, renderer, arm, hand and measuring points of a configuration.
 #[derive(Debug, Clone)]
 pub struct Environment {
-    /// The wrist camera.
+    /// Wrist camera.
     pub camera: Camera,
-    /// Draws what the wrist camera sees.
+    /// Renderer for the wrist camera.
     pub renderer: Renderer,
     /// HIRO's left arm.
     pub arm: Arm,
-    /// The hand at its end.
+    /// Hand at the end of the arm.
     pub hand: Hand,
     /// Directions of an avoidance map.
     pub measuring_points: MeasuringPoints,
-    /// What all of it was built from.
+    /// Configuration of this environment.
     pub config: WorldConfig,
 }
 
 impl Environment {
-    /// From a configuration, which is validated first.
+    /// Creates the environment that a configuration describes, after validating it.
     pub fn new(config: &WorldConfig) -> Result<Self> {
         config.validate()?;
         let camera = Camera::new(&config.camera);
@@ -47,7 +44,7 @@ impl Environment {
         })
     }
 
-    /// A target with a cross on it and grey obstacles on the configuration's table, each with its pose in the robot frame.
+    /// Creates a scene on the configured table: a target with a cross, and obstacles. Poses are in the robot frame.
     pub fn scene(&self, target: (Shape, Isometry3<f64>), obstacles: Vec<(Shape, Isometry3<f64>)>) -> Scene {
         let colors = &self.config.colors;
         let body = |(shape, robot_from_body), color: Color, cross| Body {
@@ -66,12 +63,12 @@ impl Environment {
         }
     }
 
-    /// What the wrist camera sees.
+    /// Renders the image of the wrist camera.
     pub fn wrist_image(&self, scene: &Scene, robot_from_hand: &Isometry3<f64>) -> RgbImage {
         self.renderer.color(scene, &(robot_from_hand * self.camera.hand_from_camera))
     }
 
-    /// Ground truth of `CNN_avoid`: Eq. (1) seen from the hand's position and from its reference points.
+    /// Computes the ground truth of `CNN_avoid`: Eq. (1) for the position of the hand and its reference points.
     pub fn avoidance_map(&self, scene: &Scene, robot_from_hand: &Isometry3<f64>) -> AvoidanceMap {
         let position = Point3::from(robot_from_hand.translation.vector);
         let edges = self.hand.reference_points().iter().map(|point| robot_from_hand * point);
@@ -84,20 +81,17 @@ impl Environment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixture::cuboid;
     use crate::pose::HandPose;
     use approx::assert_relative_eq;
     use nalgebra::Vector3;
 
-    /// The configuration that ships.
+    /// The shipped configuration.
     fn config() -> WorldConfig {
         toml::from_str(include_str!("../../configs/world.toml")).unwrap()
     }
 
-    fn cuboid(sides: [f64; 3]) -> Shape {
-        Shape::Cuboid { half_extents: Vector3::from(sides) / 2.0 }
-    }
-
-    /// Looking straight down.
+    /// A hand that looks straight down.
     fn hand_at(x: f64, y: f64, z: f64) -> Isometry3<f64> {
         HandPose { position: Vector3::new(x, y, z), angles: Vector3::zeros() }.robot_from_hand()
     }
@@ -129,8 +123,8 @@ mod tests {
         let image = world.wrist_image(&scene, &robot_from_hand);
         let [red, green, _] = image.get_pixel(320, 240).0;
         assert!(red > 2 * green, "the red cross is in the middle");
-        // The top is 165 mm below the camera: its edges are 67 pixels aside and 101 ahead of the middle, the cross's bars
-        // reach 17 pixels to either side.
+        // The top is 165 mm below the camera. Its edges are 67 pixels to the side and 101 pixels ahead of the middle; the bars of
+        // the cross extend 17 pixels to either side.
         let [red, green, _] = image.get_pixel(340, 175).0;
         assert!(red > 150 && green > 150, "the white target around it");
     }
@@ -146,8 +140,8 @@ mod tests {
         assert_eq!(world.avoidance_map(&scene, &hand).values, vec![0.0; config().avoidance.measuring_points]);
         let image = world.wrist_image(&scene, &hand);
         let is_red = |x, y| image.get_pixel(x, y)[0] / 2 > image.get_pixel(x, y)[1];
-        // The centre is 180 mm below the camera, so that the outline's radius is 554 * 25 / √(180² - 25²) = 77.7 pixels, where
-        // the bars end at 90° from the middle; half their width is about 22 pixels.
+        // The center is 180 mm below the camera, so the radius of the outline is 554 * 25 / √(180² - 25²) = 77.7 pixels. The bars
+        // extend to it; half of their width is about 22 pixels.
         assert!(
             is_red(320, 240) && is_red(394, 240) && is_red(246, 240) && is_red(320, 166) && is_red(320, 314)
         );
@@ -156,12 +150,13 @@ mod tests {
     }
 
     #[test]
-    fn an_avoidance_map_speaks_in_axes_of_the_robot_and_knows_the_edges_of_the_hand() {
+    fn an_avoidance_map_uses_axes_of_the_robot_and_the_edges_of_the_hand() {
         let world = Environment::new(&config()).unwrap();
         let post = (cuboid([0.01, 0.01, 0.01]), Isometry3::translation(0.36, 0.30, 0.1));
         let scene =
             world.scene((cuboid([0.06, 0.04, 0.03]), Isometry3::translation(0.36, 0.18, 0.0)), vec![post]);
-        // To the robot's left of the palm; of the seven origins, the palm's centre and its front face are at its height.
+        // The post is to the left of the palm, seen from the robot. Of the seven origins, the center of the palm and the corners of its
+        // front face are at the height of the post.
         let hand = hand_at(0.36, 0.18, 0.1);
         let map = world.avoidance_map(&scene, &hand);
         let origins = [[0.0, 0.0, 0.0], [0.0, 0.062, 0.07], [0.0, -0.062, 0.07]];
@@ -170,8 +165,8 @@ mod tests {
             let cosine = |origin: &[f64; 3]| {
                 let [x, y, z] = *origin;
                 // Hand y is the robot's right, hand z down.
-                let towards = Vector3::new(0.0, 0.12, 0.0) - Vector3::new(x, -y, -z);
-                g.dot(&towards.normalize())
+                let toward = Vector3::new(0.0, 0.12, 0.0) - Vector3::new(x, -y, -z);
+                g.dot(&toward.normalize())
             };
             let expected = origins.iter().chain(&corners).map(cosine).fold(0.0, f64::max);
             assert_relative_eq!(*value, expected, epsilon = 1e-12);
@@ -179,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_configuration_that_makes_no_world_is_refused() {
+    fn an_invalid_configuration_is_rejected() {
         let mut config = config();
         config.colors.cross_width = 1.5;
         let refused = Environment::new(&config).unwrap_err().to_string();

@@ -1,17 +1,17 @@
-//! What can go wrong in a virtual environment.
+//! Errors of a virtual environment.
 
-/// An error of this crate.
+/// Error of this crate.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value of the configuration that makes no world.
+    /// An invalid value in the configuration.
     #[error("world.{key} = {value}: expected {expected}")]
     Config {
-        /// Key below `world`.
+        /// Key, relative to `world`.
         key: &'static str,
-        /// What it says.
+        /// Actual value.
         value: String,
-        /// What it may say.
+        /// Valid values.
         expected: &'static str,
     },
 }

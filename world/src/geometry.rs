@@ -1,29 +1,28 @@
-//! Overlap and distance of bodies: the one file that names parry and glam.
+//! Overlap and distance of bodies. This is the only file that names parry and glam.
 
-use crate::scene::Body;
-use crate::shape::Shape;
+use crate::scene::{Body, Shape};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query;
 use parry3d_f64::shape::{Ball, Cuboid, Cylinder, Shape as ParryShape};
 
-/// Do two bodies touch or share space?
+/// Returns whether two bodies touch or intersect.
 pub fn overlap(a: &Body, b: &Body) -> bool {
     let (a_shape, b_shape) = (parry_shape(&a.shape), parry_shape(&b.shape));
-    // The only error is "unsupported pair of shapes", and parry supports all pairs of these; were it not so, the
-    // answer would be on the safe side.
+    // The only error is "unsupported pair of shapes", and parry supports all pairs of these. If it did not, a contact would be
+    // the safe answer.
     query::intersection_test(&parry_pose(a), &*a_shape, &parry_pose(b), &*b_shape)
         .map_or(true, |found| found.intersecting)
 }
 
-/// Shortest distance between two bodies \[m\]; 0 if they overlap. Exact but for the rims of cylinders, where it comes out up
-/// to 0.02 mm too long.
+/// Returns the shortest distance between two bodies \[m\], 0 if they overlap. It is exact except at the rims of cylinders, where
+/// it is up to 0.02 mm too large.
 pub fn distance(a: &Body, b: &Body) -> f64 {
     let (a_shape, b_shape) = (parry_shape(&a.shape), parry_shape(&b.shape));
     query::distance(&parry_pose(a), &*a_shape, &parry_pose(b), &*b_shape).map_or(0.0, |found| found.distance)
 }
 
-/// Does a point, given in the shape's own frame, lie within the shape?
+/// Returns whether a shape contains a point in the body frame.
 pub fn contains(shape: &Shape, point: &Point3<f64>) -> bool {
     let in_parry = parry_turn(shape).inverse_transform_point(point);
     parry_shape(shape).contains_local_point(Vector::new(in_parry.x, in_parry.y, in_parry.z))
@@ -37,7 +36,7 @@ fn parry_shape(shape: &Shape) -> Box<dyn ParryShape> {
     }
 }
 
-/// Our cylinders stand along z, parry's along y.
+/// Turns the cylinder axis of parry, y, to ours, z.
 fn parry_turn(shape: &Shape) -> UnitQuaternion<f64> {
     match shape {
         Shape::Cylinder { .. } => {
@@ -55,22 +54,13 @@ fn parry_pose(body: &Body) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Material;
+    use crate::fixture::{block, body, cuboid};
     use approx::assert_relative_eq;
     use proptest::prelude::*;
 
-    fn body(shape: Shape, position: [f64; 3], turn: [f64; 3]) -> Body {
-        let robot_from_body = Isometry3::new(position.into(), turn.into());
-        Body { shape, robot_from_body, material: Material { color: [0.5; 3], cross: None, texture: None } }
-    }
-
-    fn cuboid(x: f64, y: f64, z: f64) -> Shape {
-        Shape::Cuboid { half_extents: Vector3::new(x, y, z) }
-    }
-
     fn shapes() -> impl Strategy<Value = Shape> {
         prop_oneof![
-            prop::array::uniform3(0.01..0.08f64).prop_map(|[x, y, z]| cuboid(x, y, z)),
+            prop::array::uniform3(0.02..0.16f64).prop_map(cuboid),
             (0.01..0.05f64, 0.01..0.08f64)
                 .prop_map(|(radius, half_height)| Shape::Cylinder { radius, half_height }),
             (0.01..0.05f64).prop_map(|radius| Shape::Sphere { radius }),
@@ -82,7 +72,7 @@ mod tests {
         (shapes(), ranges).prop_map(|(shape, (position, turn))| body(shape, position, turn))
     }
 
-    /// The point of a body that is nearest to a point, in closed form.
+    /// The point of a body nearest to a given point, in closed form.
     fn nearest(body: &Body, point: &Point3<f64>) -> Point3<f64> {
         let p = body.robot_from_body.inverse_transform_point(point);
         let within = match body.shape {
@@ -98,7 +88,7 @@ mod tests {
         body.robot_from_body * within
     }
 
-    /// Projections in turn onto two convex bodies converge to their nearest points, from above.
+    /// Alternating projections onto two convex bodies converge to their nearest points, with decreasing distance.
     fn distance_by_projections(a: &Body, b: &Body) -> f64 {
         let mut on_a = Point3::from(a.robot_from_body.translation.vector);
         let mut length = f64::INFINITY;
@@ -146,18 +136,18 @@ mod tests {
     #[test]
     fn an_upright_cylinder_is_as_high_as_its_height() {
         let post = body(Shape::Cylinder { radius: 0.01, half_height: 0.1 }, [0.0; 3], [0.0; 3]);
-        let above = body(cuboid(0.1, 0.1, 0.1), [0.0, 0.0, 0.25], [0.0; 3]);
-        let beside = body(cuboid(0.1, 0.1, 0.1), [0.25, 0.0, 0.0], [0.0; 3]);
+        let above = block([0.2; 3], [0.0, 0.0, 0.25]);
+        let beside = block([0.2; 3], [0.25, 0.0, 0.0]);
         assert_relative_eq!(distance(&post, &above), 0.05, epsilon = 1e-9);
         assert_relative_eq!(distance(&post, &beside), 0.14, epsilon = 1e-9);
     }
 
     #[test]
     fn two_corners_that_face_each_other_are_a_diagonal_apart() {
-        let a = body(cuboid(0.1, 0.1, 0.1), [0.0; 3], [0.0; 3]);
-        let b = body(cuboid(0.1, 0.1, 0.1), [0.21, 0.22, 0.22], [0.0; 3]);
+        let a = block([0.2; 3], [0.0; 3]);
+        let b = block([0.2; 3], [0.21, 0.22, 0.22]);
         assert_relative_eq!(distance(&a, &b), 0.03, epsilon = 1e-9);
         assert!(!overlap(&a, &b));
-        assert!(overlap(&a, &body(b.shape, [0.19, 0.19, 0.19], [0.0; 3])));
+        assert!(overlap(&a, &block([0.2; 3], [0.19; 3])));
     }
 }

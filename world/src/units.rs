@@ -1,21 +1,21 @@
-//! The only conversion between SI and the millimetres and degrees of configurations and tables.
+//! The only conversions between SI units and the millimeters and degrees of configurations and tables.
 
-/// Millimetres to metres.
-pub fn mm(millimetres: f64) -> f64 {
-    millimetres * 1e-3
+/// Converts millimeters to meters.
+pub fn mm(millimeters: f64) -> f64 {
+    millimeters * 1e-3
 }
 
-/// Metres to millimetres.
-pub fn to_mm(metres: f64) -> f64 {
-    metres * 1e3
+/// Converts meters to millimeters.
+pub fn to_mm(meters: f64) -> f64 {
+    meters * 1e3
 }
 
-/// Degrees to radians.
+/// Converts degrees to radians.
 pub fn deg(degrees: f64) -> f64 {
     degrees.to_radians()
 }
 
-/// Radians to degrees.
+/// Converts radians to degrees.
 pub fn to_deg(radians: f64) -> f64 {
     radians.to_degrees()
 }

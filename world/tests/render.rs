@@ -1,4 +1,4 @@
-//! The renderer against independent oracles: closed-form silhouettes and a brute-force ray caster.
+//! Tests the renderer against independent oracles: closed-form silhouettes and a brute-force ray caster.
 
 #![allow(missing_docs)]
 
@@ -12,7 +12,7 @@ use world::{Body, Camera, Renderer, Scene, Sensor, Shape, Texture};
 const WHITE: [f64; 3] = [1.0; 3];
 const BLACK: [f64; 3] = [0.0; 3];
 
-/// The same cases every time.
+/// Uses the same cases in every run.
 fn cases(cases: u32) -> ProptestConfig {
     let rng_seed = RngSeed::Fixed(1);
     ProptestConfig { cases, rng_seed, failure_persistence: None, ..ProptestConfig::default() }
@@ -31,7 +31,7 @@ fn cuboid(x: f64, y: f64, z: f64) -> Shape {
     Shape::Cuboid { half_extents: Vector3::new(x, y, z) }
 }
 
-/// A scene of one body in front of black, lit from everywhere, far above a table that is out of sight.
+/// A scene with one body in ambient light in front of black, far above the table, which is out of sight.
 fn alone(body: Body) -> Scene {
     Scene {
         table: Table {
@@ -47,16 +47,16 @@ fn alone(body: Body) -> Scene {
     }
 }
 
-/// A camera that looks from one point to another, its image's right side horizontal.
+/// A camera that looks from one point to another, with the u axis of the image horizontal.
 fn looking(from: [f64; 3], to: [f64; 3]) -> Isometry3<f64> {
     let (from, to): (Point3<f64>, Point3<f64>) = (from.into(), to.into());
     let turn = UnitQuaternion::face_towards(&(to - from), &Vector3::new(1e-3, 0.0, -1.0));
     Isometry3::from_parts(from.coords.into(), turn)
 }
 
-/// Two cuboids, two cylinders and a sphere on a table, with crosses on three of them; some hide others.
+/// Two cuboids, two cylinders and a sphere on a table, with crosses on three of them. Some occlude others.
 fn busy_scene() -> Scene {
-    let grey = [0.45, 0.45, 0.47];
+    let gray = [0.45, 0.45, 0.47];
     let mut scene = Scene {
         table: Table {
             center: Point3::new(0.4, 0.18, -0.02),
@@ -66,14 +66,14 @@ fn busy_scene() -> Scene {
         },
         target: body(cuboid(0.03, 0.02, 0.02), [0.36, 0.18, 0.0], [0.0, 0.0, 0.3], [0.95; 3]),
         obstacles: vec![
-            body(Shape::Cylinder { radius: 0.02, half_height: 0.03 }, [0.41, 0.16, 0.01], [0.0; 3], grey),
-            body(cuboid(0.02, 0.03, 0.03), [0.34, 0.24, 0.01], [0.0, 0.0, 0.7], grey),
+            body(Shape::Cylinder { radius: 0.02, half_height: 0.03 }, [0.41, 0.16, 0.01], [0.0; 3], gray),
+            body(cuboid(0.02, 0.03, 0.03), [0.34, 0.24, 0.01], [0.0, 0.0, 0.7], gray),
             body(Shape::Sphere { radius: 0.025 }, [0.31, 0.15, 0.005], [0.0; 3], [0.9, 0.8, 0.2]),
             body(
                 Shape::Cylinder { radius: 0.015, half_height: 0.05 },
                 [0.38, 0.1, 0.1],
                 [1.2, 0.3, 0.0],
-                grey,
+                gray,
             ),
         ],
         light: Light {
@@ -89,7 +89,7 @@ fn busy_scene() -> Scene {
     scene
 }
 
-/// Gives the table and all bodies of a scene textures, each with another seed.
+/// Gives the table and all bodies of a scene textures with different seeds.
 fn textured(mut scene: Scene, grain: [f64; 3], contrast: f64) -> Scene {
     let texture = |seed| Some(Texture { grain: grain.into(), contrast, seed });
     scene.table.texture = texture(1);
@@ -108,7 +108,7 @@ struct Hit {
     color: [f64; 3],
 }
 
-/// Where a ray enters a shape in its own frame, and the normal there.
+/// Returns where a ray in the frame of a shape enters it, and the normal there.
 fn enter(shape: &Shape, origin: &Vector3<f64>, ray: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
     let slab = |i: usize, half: f64| {
         let ends = [(-half - origin[i]) / ray[i], (half - origin[i]) / ray[i]];
@@ -176,7 +176,7 @@ fn cast(scene: &Scene, robot_from_camera: &Isometry3<f64>, ray: &Vector3<f64>) -
     nearest
 }
 
-/// Mean and greatest difference to the color image by `samples` x `samples` rays a pixel, in steps of 1/255.
+/// Returns the mean and the greatest difference from an image with `samples` x `samples` rays per pixel, in units of 1/255.
 fn compare(camera: &Camera, scene: &Scene, pose: &Isometry3<f64>, samples: u32) -> (f64, f64) {
     let image = Renderer::new(camera.clone()).color(scene, pose);
     let (mut sum, mut greatest) = (0.0, 0.0f64);
@@ -207,7 +207,7 @@ fn views() -> impl Strategy<Value = Isometry3<f64>> {
 proptest! {
     #![proptest_config(cases(12))]
 
-    // 16 x 16 samples themselves are off by up to 1/32 of a pixel's area along a straight edge.
+    // 16 x 16 samples themselves have an error of up to 1/32 of the area of a pixel along a straight edge.
     #[test]
     fn an_image_is_what_rays_see(pose in views()) {
         let (mean, greatest) = compare(&camera(64, 48), &busy_scene(), &pose, 16);
@@ -216,7 +216,7 @@ proptest! {
     }
 
     #[test]
-    fn depth_and_instance_are_those_of_the_ray_through_the_pixel_centre(pose in views()) {
+    fn depth_and_instance_are_those_of_the_ray_through_the_pixel_center(pose in views()) {
         let (camera, scene) = (camera(96, 72), busy_scene());
         let frame = Renderer::new(camera.clone()).frame(&scene, &pose);
         for (i, (&depth, &instance)) in frame.depth.iter().zip(&frame.instance).enumerate() {
@@ -265,7 +265,7 @@ fn area_and_centroid(polygon: &[Point2<f64>]) -> (f64, Point2<f64>) {
     (area, Point2::from(moment / area))
 }
 
-/// The area that a convex polygon has in common with a pixel.
+/// Returns the area of the intersection of a convex polygon and a pixel.
 fn coverage(polygon: &[Point2<f64>], u: f64, v: f64) -> f64 {
     let mut rest = polygon.to_vec();
     for (axis, bound, sign) in [(0, u, 1.0), (0, u + 1.0, -1.0), (1, v, 1.0), (1, v + 1.0, -1.0)] {
@@ -284,7 +284,7 @@ fn coverage(polygon: &[Point2<f64>], u: f64, v: f64) -> f64 {
     if rest.is_empty() { 0.0 } else { area_and_centroid(&rest).0 }
 }
 
-/// Points whose images have the body's outline as their hull.
+/// Returns the convex hull of the image of a body.
 fn outline(body: &Body, pose: &Isometry3<f64>, camera: &Camera) -> Vec<Point2<f64>> {
     let camera_from_body = pose.inverse() * body.robot_from_body;
     let circle = |i: i32| (f64::from(i) * std::f64::consts::TAU / 600.0).sin_cos();
@@ -347,7 +347,7 @@ proptest! {
         let outline = outline(&scene.target, &pose, &camera);
         for (u, v, pixel) in image.enumerate_pixels() {
             let expected = 255.0 * coverage(&outline, f64::from(u), f64::from(v));
-            // Half a step of rounding; a curved outline may be off by another half.
+            // Rounding contributes half a step; a curved outline may contribute another half.
             let tolerance = if matches!(shape, Shape::Cuboid { .. }) { 0.501 } else { 1.0 };
             let difference = (f64::from(pixel[0]) - expected).abs();
             prop_assert!(difference < tolerance, "({u}, {v}) is {} instead of {expected}", pixel[0]);
@@ -392,8 +392,8 @@ fn a_tenth_of_a_pixel_moves_the_image_by_a_tenth_of_a_pixel() {
     }
 }
 
-/// The sum of all changes of an image's first channel, and of their magnitudes, when the image plane is shifted, in units
-/// of full scale.
+/// Returns the sum of the changes in the first channel, and of their magnitudes, when the image plane is shifted, in units of full
+/// scale.
 fn change(scene: &Scene, pose: &Isometry3<f64>, camera: &Camera, shift: nalgebra::Vector2<f64>) -> [f64; 2] {
     let mut shifted = camera.clone();
     shifted.center += shift;
@@ -406,7 +406,8 @@ fn change(scene: &Scene, pose: &Isometry3<f64>, camera: &Camera, shift: nalgebra
 #[test]
 fn an_edge_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_length() {
     let contrast = 0.8;
-    // Seen from above, an edge or an outline along the robot's y passes near the image's middle; the other is out of sight.
+    // Seen from above, an edge or an outline along the robot's y axis passes near the middle of the image. The other is out of
+    // sight.
     let block = body(cuboid(1.0, 2.0, 0.1), [-1.0, 0.0, -0.5], [0.0; 3], [0.1 + contrast; 3]);
     let lying = [std::f64::consts::FRAC_PI_2, 0.0, 0.0];
     let log = Shape::Cylinder { radius: 1.0, half_height: 2.0 };
@@ -414,7 +415,7 @@ fn an_edge_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_lengt
         let mut scene = alone(body);
         scene.background = [0.1; 3];
         for i in 0..40 {
-            // Up to 0.35 rad from the image's columns the edge meets neither of its sides.
+            // Up to 0.35 rad from the columns of the image, the edge does not reach the left or right border.
             let (angle, phase) = (0.05 * f64::from(i % 8), (0.173 * f64::from(i)).fract());
             let mut camera = camera(128, 96);
             camera.center += nalgebra::Vector2::new(phase, 0.0);
@@ -427,7 +428,8 @@ fn an_edge_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_lengt
                 let shift = nalgebra::Vector2::new(-along.y, along.x) * share;
                 let [sum, magnitudes] = change(&scene, &pose, &camera, shift);
                 let moved = sum.abs() / (contrast * length);
-                // An edge along the columns is rounded alike in all rows: half a byte before and after, in one or two columns.
+                // An edge along the columns has the same rounding error in all rows: half a byte value before and after, in one or two
+                // columns.
                 let tolerance = if angle == 0.0 { 2.0 / (255.0 * contrast) } else { 0.001 };
                 assert!((moved - 0.1).abs() < tolerance, "{scene:?}, {angle}, {phase}: {moved}");
                 assert!(magnitudes - sum.abs() < 1e-9, "{scene:?}, {angle}, {phase}: there and back");
@@ -437,7 +439,7 @@ fn an_edge_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_lengt
 }
 
 #[test]
-fn a_disc_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_width_on_either_side() {
+fn a_disk_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_width_on_either_side() {
     let scenes = [
         (Shape::Sphere { radius: 0.1 }, 0.1 / (0.25f64 - 0.01).sqrt()),
         (Shape::Cylinder { radius: 0.1, half_height: 0.05 }, 0.1 / 0.45),
@@ -463,7 +465,7 @@ fn a_disc_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_width_
 proptest! {
     #![proptest_config(cases(4))]
 
-    // The patterns are coarse enough for these pixels not to be filtered, but where a surface is seen nearly edge-on.
+    // The patterns are coarse enough for these pixels to remain unfiltered, except where a surface is seen nearly edge-on.
     #[test]
     fn an_image_of_textures_is_what_rays_see(pose in views()) {
         let scene = textured(busy_scene(), [0.3, 0.2, 0.4], 0.9);
@@ -473,12 +475,12 @@ proptest! {
     }
 }
 
-/// A camera that sees all the bodies of the busy scene from the side, and one that sees them from above.
+/// Two cameras that see all bodies of the busy scene, from the side and from above.
 fn two_poses() -> [Isometry3<f64>; 2] {
     [looking([0.45, 0.0, 0.25], [0.36, 0.18, 0.0]), looking([0.33, 0.22, 0.32], [0.36, 0.18, 0.0])]
 }
 
-/// The color at an image point, between the pixels' centres.
+/// Interpolates the color at an image point between pixel centers.
 fn interpolated(image: &image::RgbImage, at: &Point2<f64>) -> Vector3<f64> {
     let (u, v) = (at.x - 0.5, at.y - 0.5);
     let pixel = |x: f64, y: f64| Vector3::from(image.get_pixel(x as u32, y as u32).0.map(f64::from));
@@ -495,7 +497,7 @@ fn two_cameras_see_the_same_pattern() {
     let frames = two_poses().map(|pose| (renderer.frame(&scene, &pose), pose));
     let mut compared = [0; 6];
     for i in 0..60_000_u32 {
-        // A pixel in the first image, the point that it shows, and that point in the second.
+        // A pixel in the first image, the point that it shows, and the projection of that point into the second image.
         let (u, v) = (4 + i * 7 % 632, 4 + i * 13 % 472);
         let ([first, second], here) = (&frames, Point2::new(f64::from(u) + 0.5, f64::from(v) + 0.5));
         let index = |u: u32, v: u32| (v * 640 + u) as usize;
@@ -506,7 +508,7 @@ fn two_cameras_see_the_same_pattern() {
         if !(4.0..636.0).contains(&there.x) || !(4.0..476.0).contains(&there.y) || depth.is_infinite() {
             continue;
         }
-        // Both see this point and nothing but its surface around it; crosses have borders.
+        // Both cameras see this point, surrounded only by the same surface. Bodies with a cross are excluded because of its borders.
         let instance = first.0.instance[index(u, v)];
         let is_within = |frame: &world::Frame, at: &Point2<f64>| {
             (-2..=2).all(|d| {
@@ -537,7 +539,7 @@ fn two_cameras_see_the_same_pattern() {
 #[test]
 fn a_texture_moves_no_edge() {
     for pose in two_poses() {
-        // Only the background has blue: it shows in proportion to the area that nothing covers.
+        // Only the background is blue: blue shows in proportion to the uncovered area.
         let mut scene = busy_scene();
         scene.table.color = [0.6, 0.4, 0.0];
         scene.background = [0.0, 0.0, 1.0];
@@ -572,7 +574,7 @@ fn a_texture_far_finer_than_a_pixel_is_its_mean() {
             let dyed = renderer.color(&textured(busy_scene(), [grain; 3], 1.0), &pose);
             dyed.iter().zip(plain.iter()).map(|(dyed, plain)| dyed.abs_diff(*plain)).max()
         };
-        // Colors of partly covered pixels are summed up in another order, which may round otherwise.
+        // Colors of partly covered pixels are added in a different order, which may change the rounding.
         assert!(greatest(2e-4) <= Some(1) && greatest(1e-9) <= Some(1));
         assert!(greatest(2e-2) > Some(6));
     }
@@ -590,7 +592,7 @@ fn contrast_leaves_the_mean() {
         let image = renderer.color(&scene, &pose);
         image.iter().map(|byte| f64::from(*byte)).sum::<f64>() / image.len() as f64
     };
-    // From grains of some dozen pixels to such of one or two.
+    // From grains of a few dozen pixels to grains of one or two.
     for grain in [0.01, 0.004, 0.002, 0.001] {
         let (flat, dyed) = (mean(grain, 0.0), mean(grain, 0.9));
         assert!((dyed / flat - 1.0).abs() < 0.03, "{dyed} instead of {flat} at {grain}");
@@ -609,7 +611,7 @@ fn a_textured_image_is_the_same_on_every_machine() {
     assert_eq!(digest, 3_083_197_819_151_740_288, "{digest}");
 }
 
-/// Where no line of a cell met what leaves the image sideways, it was missed.
+/// A regression test: an outline that left the image sideways was missed if none of the three lines of a cell crossed it.
 #[test]
 fn what_leaves_an_image_is_cut_at_its_border() {
     let (camera, beside) = (camera(80, 60), 160);
@@ -625,7 +627,7 @@ fn what_leaves_an_image_is_cut_at_its_border() {
         for (u, v, pixel) in image.enumerate_pixels() {
             let others = whole.get_pixel(u + beside, v).0;
             let difference = pixel.0.into_iter().zip(others).map(|(a, b)| a.abs_diff(b)).max();
-            // Cells differ, and with them the places at which a mantle's brightness is taken near its outline.
+            // The cells differ, and so do the places where the brightness of a lateral surface is sampled near its outline.
             assert!(
                 difference <= Some(12),
                 "view {i}, pixel {u} {v}: {:?}, {others:?} in a wider image",
@@ -636,7 +638,7 @@ fn what_leaves_an_image_is_cut_at_its_border() {
 }
 
 #[test]
-fn bodies_that_stand_in_each_other_meet_in_a_line() {
+fn intersecting_bodies_meet_in_a_line() {
     let mut scene = busy_scene();
     scene.obstacles.push(body(cuboid(0.02, 0.02, 0.06), [0.33, 0.16, 0.0], [0.5, 0.2, 0.1], [0.1, 0.7, 0.3]));
     scene.obstacles.push(body(
