@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::policy::{ApproachPolicy, AvoidPolicy, Truth, View};
-use train::model::{ApproachModel, AvoidModel};
+use train::{ApproachModel, AvoidModel};
 use world::{AvoidanceMap, PoseChange};
 
 impl ApproachPolicy for ApproachModel {

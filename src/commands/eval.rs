@@ -16,7 +16,7 @@ use eval::policy::{ApproachPolicy, AvoidPolicy, Policies};
 use eval::trace::SessionRecord;
 use eval::{run_sessions, tables};
 use std::path::Path;
-use train::model::{ApproachModel, AvoidModel};
+use train::{ApproachModel, AvoidModel};
 use world::Environment;
 
 /// Name of the file with all sessions, step by step.

@@ -6,9 +6,7 @@ use registry::{Digest, Lineage, Provenance};
 use std::collections::BTreeMap;
 use std::path::Path;
 use train::checkpoint::{ModelInfo, WEIGHTS};
-use train::config::Task;
-use train::description::Description;
-use train::metric::Metrics;
+use train::{Description, Metrics, Task};
 
 /// Of a checkpoint that is published now.
 pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {

@@ -12,7 +12,7 @@ use ::eval::measures::System;
 use ::eval::paper::proposed_method;
 use ::eval::report::{Report, SessionGroup};
 use ::eval::trace::SessionRecord;
-use ::train::model::AvoidModel;
+use ::train::AvoidModel;
 use anyhow::Result;
 use burn::prelude::Device;
 use datagen::Kind;

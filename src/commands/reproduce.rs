@@ -254,7 +254,7 @@ impl Reproduction<'_> {
                 datasets: used.iter().map(|(folder, _)| folder.clone()).collect(),
                 ..config.clone()
             };
-            let resume = ::train::fit::can_resume(&folder);
+            let resume = ::train::can_resume(&folder);
             let name = format!("training {name}");
             let device = &self.device;
             let (config, out) = (&config, folder.as_path());
