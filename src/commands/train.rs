@@ -181,11 +181,11 @@ fn report(imported: &Imported) -> Vec<String> {
             lines.push(format!("  {what}: {}", names.join(", ")));
         }
     };
-    list("not in the file, random", kept);
+    list("not in the file, untrained", kept);
     let shapes = other_shape.iter();
     let shapes =
         shapes.map(|other| format!("{} {:?} (in the file {:?})", other.parameter, other.ours, other.theirs));
-    list("different shape, random", &shapes.collect::<Vec<_>>());
+    list("different shape, untrained", &shapes.collect::<Vec<_>>());
     list("in the file, not used", unused);
     lines
 }
@@ -213,7 +213,7 @@ impl Display<'_> {
                 }
                 if let Some(other) = other_device {
                     progress.say(&format!(
-                        "{name}: previous steps ran on {other}; results on another device are not bit-identical"
+                        "{name}: previous steps ran on {other}; results on different devices agree, but are not bit-identical"
                     ));
                 }
             }

@@ -251,7 +251,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_key() {
         let named = |change: fn(&mut TrainConfig)| {
             let mut config = tiny(Kind::Approach);
             change(&mut config);

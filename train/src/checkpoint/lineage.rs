@@ -35,3 +35,11 @@ pub struct Version {
     /// SHA-256 of its manifest.
     pub manifest_sha256: String,
 }
+
+/// Origin of the initial weights. Both are `None` if they are random.
+#[derive(Default)]
+pub(crate) struct InitialWeights {
+    /// SHA-256 of the file of published weights.
+    pub(crate) pretrained_sha256: Option<String>,
+    pub(crate) parent: Option<Parent>,
+}

@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_something_else_is_refused() {
+    fn an_unrelated_file_is_refused() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("weights.safetensors");
         let mut network = network(&tiny(Kind::Approach));

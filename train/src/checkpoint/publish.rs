@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_leaves_the_former_directory() {
+    fn a_failure_leaves_the_previous_directory() {
         let root = tempfile::tempdir().unwrap();
         let target = root.path().join("last");
         put(&target, "old").unwrap();

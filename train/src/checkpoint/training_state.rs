@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_phase_ends_when_its_epochs_or_its_patience_do() {
+    fn a_phase_ends_when_epochs_or_patience_are_exhausted() {
         let split = Split::new(1, 0.1, &[0..10, 10..20]);
         let patient = PhaseConfig { patience: Some(2), ..phase(10) };
         let phases = [patient, phase(3)].map(|config| Phase::new(&config, 6, &split).unwrap());

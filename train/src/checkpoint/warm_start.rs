@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_learned_is_an_advantage() {
+    fn a_warm_start_is_an_advantage() {
         let (_folder, before, start) = parent(Kind::Approach);
         let mut config = tiny(Kind::Approach);
         config.phases = vec![phase(1)];

@@ -18,7 +18,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn resolution_does_not_matter_but_what_is_seen_does() {
+    fn resolution_does_not_matter_but_the_view_does() {
         let vga = CameraConfig { width: 640, height: 480, horizontal_fov_deg: 60.0, behind_hand_mm: 100.0 };
         assert_eq!(difference(&vga, &CameraConfig { width: 128, height: 96, ..vga.clone() }), None);
         let wide = CameraConfig { horizontal_fov_deg: 70.0, ..vga.clone() };

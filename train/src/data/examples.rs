@@ -373,7 +373,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn maps_become_examples_and_pairs_do_not() {
+    fn maps_become_examples_of_their_task_only() {
         let avoid = dataset("avoid", 60.0);
         let examples = load(Kind::Avoidance, &[&avoid]).unwrap();
         let rows = DatasetReader::open(avoid.path()).unwrap().all::<AvoidanceRow>().unwrap();
@@ -385,7 +385,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn datasets_that_do_not_fit_together_are_named() {
+    fn incompatible_datasets_are_named() {
         let [a, b] = [dataset("a", 60.0), dataset("b", 75.0)];
         let error = load(Kind::Approach, &[&a, &b]).unwrap_err().to_string();
         assert!(error.contains("horizontal_fov_deg: 60 and 75"), "{error}");

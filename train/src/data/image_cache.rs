@@ -235,7 +235,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_as_it_should_be_is_made_again() {
+    fn an_invalid_cache_is_replaced() {
         let dataset = dataset("a", 60.0);
         let (cache, decoded) = opened(&dataset, SMALL).unwrap();
         assert_eq!(decoded, 4);
@@ -256,7 +256,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn of_several_at_once_one_decodes() {
+    fn concurrent_opens_decode_once() {
         let dataset = dataset("a", 60.0);
         let decoded: Vec<_> = thread::scope(|scope| {
             let threads: Vec<_> =
@@ -268,7 +268,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_folder_that_takes_nothing_is_avoided() {
+    fn an_unwritable_folder_is_avoided() {
         let dataset = dataset("a", 61.0);
         fs::write(dataset.path().join(FOLDER), "in the way").unwrap();
         let (cache, _) = opened(&dataset, SMALL).unwrap();
@@ -278,7 +278,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_named_with_what_is_needed() {
+    fn a_full_disk_is_reported_with_the_needed_size() {
         let dataset = dataset("a", 60.0);
         let reader = DatasetReader::open(dataset.path()).unwrap();
         let file = CacheFile { images: &ImageStream::new(&reader, [64, 48], 2) };
@@ -293,7 +293,7 @@ pub(crate) mod tests {
 
     /// Fails when the conversion of images changes. Then increase [`FORMAT`] and update this digest.
     #[test]
-    fn the_format_covers_what_becomes_of_an_image() {
+    fn the_format_covers_the_conversion_of_images() {
         let image = image::RgbImage::from_fn(25, 20, |x, y| {
             image::Rgb([x * 41 + y * 7, x * y * 13, x * 3 + y * y].map(|value| value as u8))
         });

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_without_repetition_and_the_parts_go_through_all() {
+    fn partial_epochs_do_not_repeat_and_cover_everything() {
         let split = Split::new(3, 0.1, &[0..60, 60..100]);
         let mut times = [0; 100];
         // 27 epochs of 20 are ten times the 54 training examples. The other dataset is left out.

@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_has_no_moments() {
+    fn labels_without_moments_are_refused() {
         assert_eq!(Standardization::centered::<3>(&[]), None);
         assert_eq!(Standardization::antisymmetric(&[[1.0, f64::NAN]]), None);
         assert_eq!(Standardization::centered(&[[1.0], [f64::INFINITY]]), None);

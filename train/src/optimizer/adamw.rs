@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn one_pass_does_what_the_operations_do() {
+    fn the_single_pass_equals_the_operations() {
         let tensor = |k: f32| Tensor::from_floats([0.3 * k, -0.2 * k, 0.0, 1.5], &Device::default());
         let factors = Factors { gradient: 0.5, keep: 0.9, rate: 0.01, square: 3.0 };
         let tensors = || [tensor(1.0), tensor(-2.0), tensor(0.3), tensor(2.0).square()];

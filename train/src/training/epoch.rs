@@ -3,8 +3,9 @@
 use burn::module::Module;
 
 use super::event::Event;
+use super::learner::Learner;
 use super::run::Run;
-use crate::checkpoint::lineage::Parent;
+use crate::checkpoint::lineage::InitialWeights;
 use crate::checkpoint::model_info::ModelInfo;
 use crate::checkpoint::save::Snapshot;
 use crate::checkpoint::training_state::TrainingState;
@@ -18,17 +19,9 @@ use crate::metrics::journal::{Journal, StepRecord};
 use crate::metrics::validation::Metrics;
 use crate::network::Network;
 use crate::network::task::Task;
-use crate::optimizer::adamw::AdamW;
 use crate::optimizer::gradients::Gradients;
 use crate::optimizer::loss::mean_squared_error;
 use crate::optimizer::phase::Phase;
-
-/// Everything that a step changes.
-pub(crate) struct Learner {
-    pub(crate) network: Network,
-    pub(crate) optimizer: AdamW,
-    pub(crate) state: TrainingState,
-}
 
 /// Everything in a run that a step does not change.
 pub(crate) struct Training<'a> {
@@ -39,14 +32,6 @@ pub(crate) struct Training<'a> {
     pub(crate) targets: Targets<'a>,
     pub(crate) phases: Vec<Phase>,
     pub(crate) initial_weights: InitialWeights,
-}
-
-/// Origin of the initial weights. Both are `None` if they are random.
-#[derive(Default)]
-pub(crate) struct InitialWeights {
-    /// SHA-256 of the file of published weights.
-    pub(crate) pretrained_sha256: Option<String>,
-    pub(crate) parent: Option<Parent>,
 }
 
 impl Training<'_> {

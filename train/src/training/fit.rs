@@ -6,8 +6,9 @@
 use std::fs;
 use std::path::PathBuf;
 
-use super::epoch::{Learner, Training};
+use super::epoch::Training;
 use super::event::Event;
+use super::learner::Learner;
 use super::run::Run;
 use super::start::Start;
 use crate::checkpoint::files::write_config;
@@ -292,7 +293,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_is_resumed_must_be_the_same_data() {
+    fn a_resumed_run_needs_the_same_data() {
         let directory = tempfile::tempdir().unwrap();
         let config = TrainConfig { phases: vec![phase(1)], ..tiny(Kind::Approach) };
         let task = config.task().unwrap();

@@ -4,6 +4,7 @@
 pub(crate) mod epoch;
 pub(crate) mod event;
 pub(crate) mod fit;
+pub(crate) mod learner;
 pub(crate) mod run;
 pub(crate) mod start;
 

@@ -1,9 +1,10 @@
 //! The start of a run: random weights, published weights, a parent model, or the checkpoint to resume from.
 
-use super::epoch::{InitialWeights, Learner};
 use super::event::Event;
+use super::learner::Learner;
 use super::run::{Run, can_resume};
 use crate::checkpoint::files::read_config;
+use crate::checkpoint::lineage::InitialWeights;
 use crate::checkpoint::load::Checkpoint;
 use crate::checkpoint::model_info::ModelInfo;
 use crate::checkpoint::training_state::TrainingState;

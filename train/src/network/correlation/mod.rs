@@ -194,7 +194,7 @@ mod tests {
 
     /// The result is linear in each map, so differences of `sum(g * correlation(a, b))` equal its gradients.
     #[test]
-    fn gradients_are_the_differences() {
+    fn gradients_match_differences() {
         let shape = [2, 5, 23, 2];
         let device = Device::flex().autodiff();
         let (a, b) = (noise(shape, 1), noise(shape, 2));
