@@ -14,7 +14,8 @@ pub(crate) struct Phase {
     pub(crate) patience: Option<usize>,
     /// Examples per epoch of each dataset.
     pub(crate) counts: Vec<usize>,
-    /// Steps per epoch. An incomplete last batch is dropped; other epochs order the examples differently.
+    /// Steps per epoch. An incomplete last batch is dropped unless it is the only one. Other epochs order the examples
+    /// differently.
     pub(crate) batches: usize,
     schedule: OneCycle,
 }

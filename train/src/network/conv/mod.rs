@@ -1,6 +1,6 @@
 //! The convolution of all networks: convolution, bias and leaky rectifier.
 //!
-//! [`ConvBlock`] holds the parameters, [`leaky_conv2d`] is the differentiable operation, and `passes` its forward and
+//! [`ConvBlock`] holds the parameters, `leaky_conv` is the differentiable operation, and `passes` its forward and
 //! backward passes on the CPU. A pass is split into tiles of pixels that fit the cache (`tiled_pass`), and each tile is
 //! multiplied by a micro-kernel that keeps its sums in registers (`micro_kernel`).
 
