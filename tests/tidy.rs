@@ -145,7 +145,7 @@ fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
 fn one_file_names_a_backend_and_one_names_parry() {
     let backend =
         |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
-    let files = ["src/device.rs", "train/src/net/conv.rs"];
+    let files = ["src/device.rs", "train/src/network/cpu.rs"];
     none(
         "backends are named in src/device.rs, and the CPU where its convolution is",
         &lines(|name| files.contains(&name), backend),

@@ -36,7 +36,7 @@ fn a_folder_that_is_no_checkpoint_does_not_hide_a_model() {
     let folder = published();
     folder.write("approach/notes.md", "our plans");
     let began = folder.run(&train("--from approach --out second")).ok();
-    assert!(began.stderr().contains("begins from approach@1"), "{}", began.stderr());
+    assert!(began.stderr().contains("starts from approach@1"), "{}", began.stderr());
     folder.run(&train("--from first --out third")).fails(2, &["first has no model.json", "no model `first`"]);
 }
 
@@ -44,7 +44,7 @@ fn a_folder_that_is_no_checkpoint_does_not_hide_a_model() {
 fn the_next_version_names_the_one_that_it_began_from() {
     let folder = published();
     let second = folder.run(&train("--from approach:champion --out second")).ok();
-    assert!(second.stderr().contains("begins from approach@1"), "{}", second.stderr());
+    assert!(second.stderr().contains("starts from approach@1"), "{}", second.stderr());
     folder.run("model publish second/best approach").ok();
     let ((first, digest), (second, _)) = (lineage(&folder, "approach@1"), lineage(&folder, "approach@2"));
     assert_eq!((&first["parent"], &second["parent"]), (&Value::Null, &digest));

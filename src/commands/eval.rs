@@ -14,7 +14,7 @@ use eval::results::system::System;
 use eval::results::{metrics, table_1};
 use eval::{ApproachFactory, AvoidFactory, EvalConfig, Policies, SessionRecord, run_sessions};
 use std::path::Path;
-use train::model::{ApproachModel, AvoidModel};
+use train::{ApproachModel, AvoidModel};
 use world::Environment;
 
 /// Name of the file with the records of all sessions.

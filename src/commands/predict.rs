@@ -1,4 +1,4 @@
-//! `flowservo model predict`: what a network says about images from anywhere.
+//! `flowservo model predict`: the output of a network for image files.
 
 use crate::device::{self, DeviceChoice};
 use crate::error::bad_input;
@@ -6,9 +6,7 @@ use crate::output::{out, print_json};
 use anyhow::{Context, Result, anyhow};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
-use train::checkpoint::ModelInfo;
-use train::config::Task;
-use train::model::{ApproachModel, AvoidModel};
+use train::{ApproachModel, AvoidModel, ModelInfo, Task};
 use world::units::{to_deg, to_mm};
 
 /// Runs the command.
@@ -34,7 +32,7 @@ pub(crate) fn run(model: &Path, images: &[PathBuf], json: bool) -> Result<()> {
         }
         (task, _) => {
             let needed = match task {
-                Task::Approach { .. } => "CNN_approach, which needs two images, the current and the goal",
+                Task::Approach { .. } => "CNN_approach, which needs two images: current and goal",
                 Task::Avoidance { .. } => "CNN_avoid, which needs one image",
             };
             Err(bad_input(anyhow!("{} is a {needed}; {} given", model.display(), images.len())))
@@ -43,6 +41,6 @@ pub(crate) fn run(model: &Path, images: &[PathBuf], json: bool) -> Result<()> {
 }
 
 fn read(path: &Path) -> Result<RgbImage> {
-    let image = image::open(path).with_context(|| format!("{}: cannot be read", path.display()));
+    let image = image::open(path).with_context(|| format!("cannot read {}", path.display()));
     Ok(image.map_err(bad_input)?.into_rgb8())
 }

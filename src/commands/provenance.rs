@@ -6,9 +6,7 @@ use registry::{Digest, Lineage, Provenance};
 use std::collections::BTreeMap;
 use std::path::Path;
 use train::checkpoint::{ModelInfo, WEIGHTS};
-use train::config::Task;
-use train::description::Description;
-use train::metric::Metrics;
+use train::{Description, Metrics, Task};
 
 /// Collects the provenance of a checkpoint, with the current time as its time of publication.
 pub(crate) fn of(checkpoint: &Path) -> Result<Provenance> {

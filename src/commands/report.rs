@@ -14,7 +14,7 @@ use ::report::figures::snapshots::{self, figure_7};
 use ::report::page::Report;
 use ::report::page::sessions::SessionGroup;
 use ::report::training_curves::training_curves;
-use ::train::model::AvoidModel;
+use ::train::AvoidModel;
 use anyhow::Result;
 use burn::prelude::Device;
 use datagen::Kind;

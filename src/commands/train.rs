@@ -1,4 +1,4 @@
-//! `flowservo train`: one network from its configuration and its datasets.
+//! `flowservo train`: trains a network on datasets.
 
 use super::warm_start;
 use crate::cli;
@@ -14,43 +14,37 @@ use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
-use train::checkpoint::Program;
-use train::config::TrainConfig;
-use train::examples::Examples;
-use train::fit::{self, Run};
-use train::history::{self, EpochRecord};
-use train::journal::Gauge;
-use train::metric::Metrics;
-use train::pretrained::Imported;
-use train::warm_start::WarmStart;
+use train::checkpoint::{Imported, Program};
+use train::metrics::history;
+use train::{EpochRecord, Event, Examples, Metrics, Run, Telemetry, TrainConfig, WarmStart};
 
-/// Name of the file beside a run's checkpoints that says how the run went. It is written last.
+/// Name of the file with the result of a run, beside its checkpoints. It is written last.
 pub(crate) const RESULT: &str = "result.json";
-/// Name of the file with its learning curves.
+/// Name of the file with the learning curves.
 const CURVES: &str = "curves.svg";
 
-/// What a run achieved, and how fast.
+/// Result of a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Trained {
     /// Checkpoint of the best epoch.
     pub(crate) checkpoint: PathBuf,
-    /// Where it was computed.
+    /// Device of the training.
     pub(crate) device: String,
-    /// Time that this run took, with reading the data.
+    /// Duration of the run, including reading the data.
     pub(crate) seconds: f64,
-    /// Examples that this run learned from since it was started or resumed, counted once an epoch.
+    /// Examples used since the run was started or resumed, counted once per epoch.
     pub(crate) samples: usize,
-    /// Examples a second, without reading the data.
+    /// Examples per second, without reading the data.
     pub(crate) samples_per_s: f64,
-    /// Largest memory of the process.
+    /// Peak memory of the process.
     pub(crate) peak_rss_mb: Option<f64>,
-    /// On the validation set at the best epoch: the paper's norm; none for `CNN_avoid`.
+    /// Position error on the validation set at the best epoch (the paper's norm). `None` for `CNN_avoid`.
     pub(crate) position_error_mm: Option<f64>,
-    /// See `position_error_mm`.
+    /// Orientation error, likewise.
     pub(crate) orientation_error_deg: Option<f64>,
     /// The best epoch.
     pub(crate) best: EpochRecord,
-    /// Mean training loss of successive groups of batches, at the epoch's fraction at which the group ends.
+    /// Training loss: the end of each group of batches, in epochs, and its mean loss.
     pub(crate) losses: Vec<[f64; 2]>,
 }
 
@@ -91,21 +85,21 @@ pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()>
 
 /// A network to train.
 pub(crate) struct Job<'a> {
-    /// How the work is called in front of people.
+    /// Name of the work for people.
     pub(crate) name: &'a str,
-    /// What is done.
+    /// Configuration.
     pub(crate) config: &'a TrainConfig,
     /// Folder of the run.
     pub(crate) out: &'a Path,
-    /// Where it is computed.
+    /// Device to train on.
     pub(crate) device: &'a Opened,
-    /// The model that a new run begins from.
+    /// The model that a new run starts from.
     pub(crate) warm_start: Option<&'a WarmStart>,
-    /// Continue the run in the folder.
+    /// Whether to resume the run in the folder.
     pub(crate) resume: bool,
 }
 
-/// Trains a network in a folder and shows how it goes.
+/// Trains a network in a folder and shows the progress.
 pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     let Job { name, config, out, device, warm_start, resume } = *job;
     let task = config.task()?;
@@ -117,7 +111,7 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     for (dataset, cache) in config.datasets.iter().zip(examples.caches()) {
         if !cache.starts_with(dataset) {
             let (dataset, cache) = (dataset.display(), cache.display());
-            note!("{name}: nothing can be written in {dataset}; decoded images are in {cache}");
+            note!("{name}: {dataset} is not writable; decoded images are in {cache}");
         }
     }
     let progress = Progress::start(name, "examples", 0);
@@ -132,21 +126,21 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
         warm_start,
         resume,
         stop: stop.flag(),
-        gauge: &|| gauge(started),
+        telemetry: &|| telemetry(started),
     };
-    let mut shown = Shown {
+    let mut display = Display {
         name,
         progress: &progress,
         batch: config.optimizer.batch,
         samples: 0,
         validation: String::new(),
     };
-    let fitted = fit::fit(&run, &examples, &mut |news| shown.news(news))?;
-    let samples = shown.samples;
+    let summary = train::fit(&run, &examples, &mut |event| display.show(event))?;
+    let samples = display.samples;
     let seconds = progress.finish();
-    let [position_error_mm, orientation_error_deg] = pose_errors(&fitted.best.validation);
+    let [position_error_mm, orientation_error_deg] = pose_errors(&summary.best.validation);
     let trained = Trained {
-        checkpoint: fitted.checkpoint,
+        checkpoint: summary.checkpoint,
         device: device.name.clone(),
         seconds: seconds + reading_seconds,
         samples,
@@ -154,8 +148,8 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
         peak_rss_mb: peak_rss_mb(),
         position_error_mm,
         orientation_error_deg,
-        best: fitted.best,
-        losses: fitted.losses,
+        best: summary.best,
+        losses: summary.losses,
     };
     let run_name = out.file_name().unwrap_or(out.as_os_str()).to_string_lossy();
     let drawn = training_curves(name, &[curve(&run_name, out, &trained)?]);
@@ -164,7 +158,7 @@ pub(crate) fn fit(job: &Job, stop: &Stop) -> Result<Trained> {
     Ok(trained)
 }
 
-/// This program.
+/// Returns the version of this program.
 fn program() -> Program {
     let software = [
         ("flowservo", Some(env!("CARGO_PKG_VERSION"))),
@@ -178,42 +172,42 @@ fn program() -> Program {
     }
 }
 
-/// What became of a file of published weights, a line each.
+/// Describes the import of published weights, line by line.
 fn report(imported: &Imported) -> Vec<String> {
     let Imported { path, matched, kept, unused, other_shape, .. } = imported;
     let parameters = matched.len() + kept.len() + other_shape.len();
     let mut lines =
-        vec![format!("{} of {parameters} parameters begin from {}", matched.len(), path.display())];
+        vec![format!("{} of {parameters} parameters start from {}", matched.len(), path.display())];
     let mut list = |what: &str, names: &[String]| {
         if !names.is_empty() {
             lines.push(format!("  {what}: {}", names.join(", ")));
         }
     };
-    list("not in the file, initial weights", kept);
+    list("not in the file, untrained", kept);
     let shapes = other_shape.iter();
     let shapes =
-        shapes.map(|other| format!("{} {:?} (there {:?})", other.parameter, other.ours, other.theirs));
-    list("other shape, initial weights", &shapes.collect::<Vec<_>>());
-    list("in the file, but not used", unused);
+        shapes.map(|other| format!("{} {:?} (in the file {:?})", other.parameter, other.ours, other.theirs));
+    list("different shape, untrained", &shapes.collect::<Vec<_>>());
+    list("in the file, not used", unused);
     lines
 }
 
-/// What is seen of a run while it goes.
-struct Shown<'a> {
+/// Display of a run in progress.
+struct Display<'a> {
     name: &'a str,
     progress: &'a Progress,
     batch: usize,
-    /// Examples learned from.
+    /// Examples used so far.
     samples: usize,
-    /// How the last validation went.
+    /// Result of the last validation.
     validation: String,
 }
 
-impl Shown<'_> {
-    fn news(&mut self, news: fit::Progress) {
+impl Display<'_> {
+    fn show(&mut self, event: Event) {
         let Self { name, progress, batch, .. } = *self;
-        match news {
-            fit::Progress::Begun { epochs, steps, planned, other_device } => {
+        match event {
+            Event::Started { epochs, steps, planned, other_device } => {
                 progress.begin_at((steps * batch) as u64, (planned * batch) as u64);
                 if steps > 0 {
                     progress
@@ -221,29 +215,29 @@ impl Shown<'_> {
                 }
                 if let Some(other) = other_device {
                     progress.say(&format!(
-                        "{name}: until now it was computed on {other}; on another device results agree, but not to the bit"
+                        "{name}: previous steps ran on {other}; results on different devices agree, but are not bit-identical"
                     ));
                 }
             }
-            fit::Progress::Imported(imported) => {
+            Event::Imported(imported) => {
                 for line in report(imported) {
                     progress.say(&format!("{name}: {line}"));
                 }
             }
-            fit::Progress::WarmStart { parent, other_camera } => {
-                progress.say(&format!("{name}: begins from {parent}"));
+            Event::WarmStart { parent, other_camera } => {
+                progress.say(&format!("{name}: starts from {parent}"));
                 if let Some((key, was, is)) = other_camera {
                     progress.say(&format!(
-                        "{name}: {parent} learned from a camera with {key} = {was}, and these images have {is}"
+                        "{name}: {parent} was trained with {key} = {was}, and these images have {is}"
                     ));
                 }
             }
-            fit::Progress::Step { epoch: [epoch, epochs], step: [step, steps], examples, loss } => {
+            Event::Step { epoch: [epoch, epochs], step: [step, steps], examples, loss } => {
                 self.samples += examples;
                 let message = format!("epoch {epoch}/{epochs}, loss {loss:.4}{}", self.validation);
                 progress.update_of((step * batch) as u64, (steps * batch) as u64, &message);
             }
-            fit::Progress::Epoch(record) => {
+            Event::Epoch(record) => {
                 self.validation = format!(", validation {}", error_in_words(&record.validation));
                 progress.say(&format!(
                     "{name}: epoch {}, training loss {:.4}, validation {}",
@@ -257,17 +251,17 @@ impl Shown<'_> {
 }
 
 /// Reads the clock and the memory.
-#[expect(clippy::disallowed_methods, reason = "for the journal, on which no result depends")]
-fn gauge(started: Instant) -> Gauge {
+#[expect(clippy::disallowed_methods, reason = "for the journal only, which affects no result")]
+fn telemetry(started: Instant) -> Telemetry {
     let unix_time = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    Gauge {
+    Telemetry {
         seconds: started.elapsed().as_secs_f64(),
         unix_time: unix_time.as_secs_f64(),
         peak_memory_mb: peak_rss_mb(),
     }
 }
 
-/// How a run went, to be drawn.
+/// Returns the learning curves of a run for plotting.
 pub(crate) fn curve(name: &str, run: &Path, trained: &Trained) -> Result<TrainingCurve> {
     let epoch = |record: EpochRecord| {
         let [position_error_mm, orientation_error_deg] = pose_errors(&record.validation);
@@ -282,7 +276,7 @@ pub(crate) fn curve(name: &str, run: &Path, trained: &Trained) -> Result<Trainin
     Ok(TrainingCurve { name: name.to_owned(), epochs, losses: trained.losses.clone() })
 }
 
-/// Position error in millimetres and orientation error in degrees; none for `CNN_avoid`.
+/// Returns position error in millimeters and orientation error in degrees. Both are `None` for `CNN_avoid`.
 fn pose_errors(metrics: &Metrics) -> [Option<f64>; 2] {
     match metrics {
         Metrics::Approach(metrics) => [Some(metrics.position_error_mm), Some(metrics.orientation_error_deg)],
@@ -290,7 +284,7 @@ fn pose_errors(metrics: &Metrics) -> [Option<f64>; 2] {
     }
 }
 
-/// The error alone.
+/// Formats the error without the loss.
 fn error_in_words(metrics: &Metrics) -> String {
     match metrics {
         Metrics::Approach(m) => {
@@ -300,7 +294,7 @@ fn error_in_words(metrics: &Metrics) -> String {
     }
 }
 
-/// Validation metrics in a few words.
+/// Formats validation metrics.
 pub(crate) fn in_words(metrics: &Metrics) -> String {
     format!("loss {:.4}, {}", metrics.loss(), error_in_words(metrics))
 }

@@ -1,15 +1,13 @@
-//! `flowservo train --from MODEL`: the model that a training run begins from.
+//! `flowservo train --from MODEL`: the model that a training run starts from.
 
 use super::model;
 use anyhow::Result;
 use registry::{Location, ModelRef, Selector};
 use std::path::Path;
-use train::checkpoint::ModelInfo;
-use train::config::{Task, TrainConfig};
-use train::fit;
-use train::warm_start::{Version, WarmStart};
+use train::checkpoint::Version;
+use train::{ModelInfo, Task, TrainConfig, WarmStart};
 
-/// Finds the model that a configuration names, verified, and lets the configuration name its version exactly.
+/// Finds and verifies the model that a configuration names. Replaces the name by that of the exact version.
 pub(crate) fn find(config: &mut TrainConfig, task: &Task, registry: &Location) -> Result<Option<WarmStart>> {
     let Some(parent) = &mut config.parent else { return Ok(None) };
     let (folder, found) = model::find(parent, registry)?;
@@ -22,8 +20,8 @@ pub(crate) fn find(config: &mut TrainConfig, task: &Task, registry: &Location) -
     Ok(Some(WarmStart::open(&folder, version, task)?))
 }
 
-/// Lets the configuration name the version that the run in a folder began from, if it may mean that one. A run goes on without
-/// its parent, wherever that and its aliases are by now.
+/// Replaces the name of the parent in a configuration by the exact version that the run in a folder started from, if the name
+/// may refer to it. A resumed run does not need its parent, nor the aliases as they were.
 pub(crate) fn recall(config: &mut TrainConfig, run: &Path) {
     if let Some(parent) = &mut config.parent
         && let Some(exact) = recorded(run).and_then(|version| meant(parent, &version))
@@ -32,16 +30,16 @@ pub(crate) fn recall(config: &mut TrainConfig, run: &Path) {
     }
 }
 
-/// The version that a run began from.
+/// Returns the version that a run started from.
 fn recorded(run: &Path) -> Option<Version> {
-    // A run that is not there, or cannot be read, is the business of who goes on with it.
-    if !fit::can_resume(run) {
+    // A missing or unreadable run is reported when it is resumed.
+    if !train::can_resume(run) {
         return None;
     }
     ModelInfo::read(&run.join("last")).ok()?.parent?.version
 }
 
-/// The exact name of a version, if `reference` may mean it: an alias, or the newest, may have been another one then.
+/// Returns the exact name of a version if `reference` may refer to it. Aliases, and the newest version, may have changed since.
 fn meant(reference: &str, version: &Version) -> Option<String> {
     let reference: ModelRef = reference.parse().ok()?;
     let numbered: ModelRef = version.name.parse().ok()?;
@@ -59,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_meant_then_is_meant_now() {
+    fn references_resolve_to_the_recorded_version() {
         let manifest_sha256 = "ab".repeat(32);
         let exact = format!("approach@sha256:{manifest_sha256}");
         let version = Version { name: "approach@3".to_owned(), manifest_sha256 };

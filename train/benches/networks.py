@@ -1,6 +1,6 @@
-"""The networks of `train/src/net/` as one writes them in PyTorch, with the same names for their parameters.
+"""The networks of `train/src/network/`, written in PyTorch with the same parameter names.
 
-Tensors are `[batch, channels, height, width]`, in memory with the channels last, which is PyTorch's fast path.
+Tensors are `[batch, channels, height, width]`, stored channels-last, which is PyTorch's fast path.
 """
 
 from collections import OrderedDict
@@ -11,7 +11,7 @@ from torch.nn import functional as F
 
 SLOPE = 0.1
 
-# Channels out at width 1, kernel and stride (Dosovitskiy et al. 2015).
+# Output channels at width 1, kernel and stride (Dosovitskiy et al. 2015).
 LAYERS = {
     "conv1": (64, 7, 2),
     "conv2": (128, 5, 2),
@@ -39,7 +39,7 @@ class LeakyConv(nn.Conv2d):
 
 
 class Trunk(nn.Module):
-    """Layers by their published names: `encode` sees each image alone, `compare` two encoded images."""
+    """Layers with their published names: `encode` sees each image separately, `compare` two encoded images."""
 
     def __init__(self, width):
         super().__init__()
@@ -49,7 +49,7 @@ class Trunk(nn.Module):
         return max(1, int(LAYERS[name][0] * self.width + 0.5))
 
     def add(self, names, inputs):
-        """Adds layers, one after the other; what the last one has is the number of features."""
+        """Chains layers. The channels of the last one are the number of features."""
         for name in names:
             _, kernel, stride = LAYERS[name]
             self.add_module(name, LeakyConv(inputs, self.channels(name), kernel, stride))
@@ -62,7 +62,7 @@ class Trunk(nn.Module):
 
 
 def flat(x):
-    """Pixel by pixel, as our network flattens; a view, since the channels are last in memory."""
+    """Flattens pixel by pixel, as flowservo does. Returns a view, since memory is channels-last."""
     return x.permute(0, 2, 3, 1).flatten(1)
 
 
@@ -97,7 +97,7 @@ class FlowNetC(Trunk):
 
 
 def correlation(a, b, reach=20, stride=2):
-    """`mean over c of a[c, y, x] * b[c, y + dy, x + dx]`, zero outside; a row of displacements after the other."""
+    """Computes `mean over c of a[c, y, x] * b[c, y + dy, x + dx]`, zero outside, for displacements in row-major order."""
     height, width = a.shape[2:]
     padded = F.pad(b, (reach,) * 4)
     offsets = range(0, 2 * reach + 1, stride)
@@ -108,7 +108,7 @@ def correlation(a, b, reach=20, stride=2):
 
 
 class Definet(Trunk):
-    """Difference of the features after `conv3_1`, the other layers, global average pooling."""
+    """Difference of the features after `conv3_1`, remaining layers, global average pooling."""
 
     shared = 4
 
@@ -160,7 +160,7 @@ class ApproachNet(nn.Module):
         current, goal = encoded.chunk(2)
         if not self.antisymmetric:
             return self.head(self.trunk.compare(current, goal))
-        # One batch of twice the size.
+        # Both orders of the images in one batch of twice the size.
         swapped = torch.cat([goal, current])
         forward, backward = self.head(self.trunk.compare(encoded, swapped)).chunk(2)
         return (forward - backward) / 2

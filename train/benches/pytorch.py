@@ -1,9 +1,9 @@
-"""Compares our networks with PyTorch's on this machine: `train/benches/pytorch.sh` runs it in its own environment.
+"""Compares flowservo's networks with PyTorch on this machine. Run it with `train/benches/pytorch.sh`.
 
-Speed: both sides take short bursts in turn, one idle while the other runs, so that what disturbs the machine disturbs
-both. The ratio of a round is ours to theirs in examples a second; above 1, ours is faster.
+Speed: the two sides alternate in short bursts, one idle while the other runs, so that disturbances affect both. The ratio
+of a round is flowservo to PyTorch in examples per second; above 1, flowservo is faster.
 
-Numbers (`--check`): both sides compute output, gradients and a few steps from the same weights and inputs.
+Numbers (`--check`): both sides compute the output, the gradients and a few steps from the same weights and inputs.
 """
 
 import argparse
@@ -24,13 +24,13 @@ from torch.nn import functional as F
 
 from networks import ApproachNet
 
-# As in configs/train/; pytorch.rs has the same.
+# As in configs/train/ and in pytorch.rs.
 LEARNING_RATE, WEIGHT_DECAY, GRADIENT_CLIP = 1e-3, 0.01, 1.0
 
-# From the axes of our convolution weights, [k, k, in, out], to PyTorch's, [out, in, k, k].
+# Permutation of our convolution weights, [k, k, in, out], to those of PyTorch, [out, in, k, k].
 CONV_AXES = (3, 2, 0, 1)
 
-CASE_FORM = "train|infer/TRUNK/SYMMETRY/WIDTH/INPUT/BATCH, as train/flownet_s/antisymmetric/0.25/128x96/32"
+CASE_FORM = "train|infer/TRUNK/SYMMETRY/WIDTH/INPUT/BATCH, e.g. train/flownet_s/antisymmetric/0.25/128x96/32"
 NETWORKS = ["flownet_s/none", "flownet_s/antisymmetric", "definet/none"]
 CASES = (
     [f"train/{network}/0.25/128x96/{batch}" for batch in (32, 64) for network in NETWORKS]
@@ -43,12 +43,12 @@ CHECKS = [f"train/{t}/{s}/0.25/{size}" for t in TRUNKS for s in SYMMETRIES for s
 
 CHECKED_STEPS = 3
 LAST_LOSS = "loss of the third step"
-SETTLE_S = 0.03  # Threads of the side that has just run stop spinning.
+SETTLE_S = 0.03  # Lets the threads of the other side stop spinning.
 
 
 @dataclass
 class Case:
-    """What is measured or checked."""
+    """A measurement or a check."""
 
     verb: str
     batch: int
@@ -66,7 +66,7 @@ class Case:
 
 
 class Ours:
-    """The Rust half, in a process of its own."""
+    """The Rust half, in its own process."""
 
     name = "flowservo"
 
@@ -80,10 +80,10 @@ class Ours:
         print(json.dumps(command), file=self.process.stdin, flush=True)
         line = self.process.stdout.readline()
         if not line:
-            sys.exit(f"our half ended with code {self.process.wait()} on {command}")
+            sys.exit(f"the flowservo half exited with code {self.process.wait()} on {command}")
         answer = json.loads(line)
         if "error" in answer:
-            sys.exit(f"our half says about {command}: {answer['error']}")
+            sys.exit(f"the flowservo half failed on {command}: {answer['error']}")
         return answer
 
     def setup(self, case):
@@ -94,7 +94,7 @@ class Ours:
 
 
 class Theirs:
-    """The PyTorch half, at its fastest settings that are exact to f32: channels last, fused AdamW, in-place rectifiers."""
+    """The PyTorch half with its fastest settings in f32: channels last, fused AdamW, in-place rectifiers."""
 
     def __init__(self, device, dtype=None):
         self.device, self.dtype = torch.device(device), dtype
@@ -106,7 +106,7 @@ class Theirs:
         self.take(ApproachNet(**case.network), *torch.rand(2, case.batch, 3, height, width), torch.rand(case.batch, 6))
 
     def take(self, network, current, goal, target):
-        """The float type is that of the inputs."""
+        """Uses the float type of the inputs."""
         place = dict(device=self.device, memory_format=torch.channels_last)
         self.network = network.to(dtype=current.dtype, **place)
         self.images = current.to(**place), goal.to(**place)
@@ -147,14 +147,14 @@ class Theirs:
 
 
 def measure(case, sides, rounds, burst):
-    """Seconds a step (or an output) of each burst, by side."""
+    """Returns seconds per step (or output) of each burst, by side."""
     for side in sides:
         side.setup(case)
         side.burst(case.verb, 3)
     times = max(1, round(burst / max(side.burst(case.verb, 3) / 3 for side in sides)))
     seconds = {side.name: [] for side in sides}
     for number in range(rounds):
-        # Forward and backward in turn, so that none is always the first.
+        # Alternate the order, so that no side always goes first.
         for side in sides if number % 2 == 0 else sides[::-1]:
             time.sleep(SETTLE_S)
             seconds[side.name].append(side.burst(case.verb, times) / times)
@@ -162,17 +162,17 @@ def measure(case, sides, rounds, burst):
 
 
 def ratios(seconds, ours, theirs):
-    """First quartile, median and third quartile of the rounds' ratios."""
+    """Returns first quartile, median and third quartile of the ratios of the rounds."""
     found = [b / a for a, b in zip(seconds[ours], seconds[theirs])]
     return statistics.quantiles(found, n=4, method="inclusive") if len(found) > 1 else found * 3
 
 
 def compare(options, ours):
     threads = f"{options.threads} threads" if options.device == "cpu" else torch.cuda.get_device_name()
-    print(f"PyTorch {torch.__version__}, {options.device}, {threads}, {options.rounds} rounds; examples a second")
+    print(f"PyTorch {torch.__version__}, {options.device}, {threads}, {options.rounds} rounds; examples per second")
     if os.getloadavg()[0] > 0.5:
-        # PyTorch's threads wait for each other at every operation, and lose more than their share.
-        print(f"THE MACHINE IS BUSY (load {os.getloadavg()[0]:.1f}): these ratios will not mean anything")
+        # PyTorch synchronizes its threads at every operation and suffers more from other load.
+        print(f"WARNING: the machine is busy (load {os.getloadavg()[0]:.1f}); these ratios are meaningless")
     theirs = [Theirs(options.partner)] + [Theirs(options.partner, torch.bfloat16)] * options.bf16
     sides = [ours, *theirs]
     columns = "".join(f"{side.name:>14}" for side in sides)
@@ -189,14 +189,14 @@ def compare(options, ours):
 
 
 def weights_of(file):
-    """Ours as PyTorch stores them."""
+    """Reads our weights in PyTorch's layout."""
     tensors = load_file(file)
     axes = {4: CONV_AXES, 2: (1, 0), 1: (0,)}
     return {name: tensor.permute(axes[tensor.ndim]) for name, tensor in tensors.items()}
 
 
 def computed_by_theirs(case, weights, sample, steps, dtype):
-    """Output, loss, gradients, and the loss of the last of some steps, all in one float type on the CPU."""
+    """Returns output, loss, gradients and the loss of the last step, computed in one float type on the CPU."""
     network, theirs = ApproachNet(**case.network), Theirs("cpu")
     network.load_state_dict(weights)
     current, goal = (sample[key].to(dtype).permute(0, 3, 1, 2) for key in ("current", "goal"))
@@ -207,7 +207,7 @@ def computed_by_theirs(case, weights, sample, steps, dtype):
 
 
 def computed_by_ours(case, ours, steps):
-    """The same, and the weights and the sample from which it came."""
+    """Returns the weights, the sample, and the same values as `computed_by_theirs`."""
     with tempfile.TemporaryDirectory() as folder:
         ours.setup(case)
         loss = torch.tensor(ours.ask(export=folder)["loss"])
@@ -217,8 +217,8 @@ def computed_by_ours(case, ours, steps):
 
 
 def differences(found, oracle):
-    """Greatest deviation of each tensor, in units of its greatest value; of the first loss for losses; and of at least
-    a hundredth of the greatest gradient for gradients, some of which are zero."""
+    """Returns the greatest deviation of each tensor relative to its greatest value. Losses are relative to the first loss.
+    Gradients, some of which are zero, are relative to at least a hundredth of the greatest gradient."""
     far = lambda a, b: (a.double() - b).abs().max().item()
     output, loss, gradients, last = oracle
     least = 1e-2 * max(gradient.abs().max().item() for gradient in gradients.values())
@@ -230,28 +230,27 @@ def differences(found, oracle):
 
 
 def check_case(case, ours, tolerance):
-    """Prints the differences; how many are above the tolerance."""
+    """Prints the differences and returns how many exceed the tolerance."""
     weights, sample, mine = computed_by_ours(case, ours, CHECKED_STEPS)
     oracle, single = (
         computed_by_theirs(case, weights, sample, CHECKED_STEPS, dtype) for dtype in (torch.float64, torch.float32)
     )
-    # Where a value lies within rounding of a rectifier's kink, single precision may take the other side: that is right
-    # if PyTorch's single precision takes it too.
+    # Within rounding of a rectifier's kink, single precision may end on the other side. That is accepted if PyTorch in
+    # single precision does the same.
     double, twin = differences(mine, oracle), differences(mine, single)
     single = differences(single, oracle)
     found = {name: min(double[name], twin[name]) for name in double}
-    # AdamW's first steps have the sign of the gradient, and rounding decides it where the gradient is small.
+    # AdamW's first steps follow the sign of the gradient, which rounding decides where the gradient is small.
     limit = dict.fromkeys(found, tolerance) | {LAST_LOSS: 100 * tolerance}
     for name in found:
-        verdict = "" if found[name] <= limit[name] else "   TOO MUCH"
+        verdict = "" if found[name] <= limit[name] else "   TOO LARGE"
         print(f"  {name:<44} {double[name]:9.1e} {single[name]:12.1e} {twin[name]:12.1e}{verdict}")
     return sum(not found[name] <= limit[name] for name in found)
 
 
 def check(options, ours):
-    print("Relative differences from PyTorch in double precision, of ours and of PyTorch in single precision, and of the two")
-    print(f"from each other. Ours is right where it is at most {options.tolerance:g} from either")
-    print(f"({LAST_LOSS}: {100 * options.tolerance:g})")
+    print("Relative differences of flowservo and of PyTorch f32 from PyTorch f64, and of the first two from each other.")
+    print(f"flowservo passes if it is within {options.tolerance:g} of either ({LAST_LOSS}: {100 * options.tolerance:g}).")
     failed = 0
     for text in options.cases or CHECKS:
         print(f"\n{text:<46} flowservo  PyTorch f32   each other")
@@ -261,7 +260,7 @@ def check(options, ours):
 
 
 def build(device):
-    """Compiles our half; the path of the program."""
+    """Compiles our half and returns the path of the program."""
     command = "cargo bench -p train --bench pytorch --no-run --message-format=json-render-diagnostics".split()
     command += [] if device == "cpu" else ["--features", device]
     built = subprocess.run(command, cwd=Path(__file__).parent, stdout=subprocess.PIPE, text=True)
@@ -275,16 +274,16 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", nargs="+", metavar="CASE", help=CASE_FORM)
     parser.add_argument("--head", type=int, default=512, help="units of the hidden layers (512)")
-    parser.add_argument("--rounds", type=int, default=15, help="bursts of each side (15)")
-    parser.add_argument("--burst", type=float, default=1.0, help="seconds of a burst of the slower side (1)")
+    parser.add_argument("--rounds", type=int, default=15, help="bursts per side (15)")
+    parser.add_argument("--burst", type=float, default=1.0, help="duration of a burst of the slower side in seconds (1)")
     parser.add_argument("--quick", action="store_true", help="5 rounds of 0.3 s")
-    parser.add_argument("--bf16", action="store_true", help="for information, PyTorch with bfloat16 autocast too")
+    parser.add_argument("--bf16", action="store_true", help="also measure PyTorch with bfloat16 autocast")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    parser.add_argument("--threads", type=int, default=cores, help=f"of each side ({cores})")
-    parser.add_argument("--device", choices=["cpu", "wgpu", "cuda"], default="cpu", help="of ours; theirs is cpu or cuda")
+    parser.add_argument("--threads", type=int, default=cores, help=f"threads per side ({cores})")
+    parser.add_argument("--device", choices=["cpu", "wgpu", "cuda"], default="cpu", help="device of flowservo; PyTorch uses cpu or cuda")
     parser.add_argument("--check", action="store_true", help="compare the numbers instead of the speed")
-    parser.add_argument("--tolerance", type=float, default=1e-4, help="of --check (1e-4)")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write every burst there")
+    parser.add_argument("--tolerance", type=float, default=1e-4, help="tolerance of --check (1e-4)")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write all bursts to FILE")
     options = parser.parse_args()
     if options.quick:
         options.rounds, options.burst = 5, 0.3
@@ -295,7 +294,7 @@ def arguments():
 def main():
     options = arguments()
     if options.partner == "cuda" and not (options.check or torch.cuda.is_available()):
-        sys.exit(f"--device {options.device} is compared with PyTorch on CUDA, which finds no card here")
+        sys.exit(f"--device {options.device} is compared with PyTorch on CUDA, which is not available here")
     torch.set_num_threads(options.threads)
     torch.backends.cudnn.benchmark = True
     ours = Ours(build(options.device), options.threads, options.device)

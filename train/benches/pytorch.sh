@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Our networks against PyTorch's on this machine, in speed and in numbers: train/benches/pytorch.sh --help
-# Needs Python 3.10 or newer and, the first time, the Python package index. Everything it installs is in target/pytorch.
+# Compares speed and numbers of flowservo's networks with PyTorch on this machine: train/benches/pytorch.sh --help
+# Requires Python 3.10 or newer and, the first time, the Python package index. Installs everything in target/pytorch.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 target="${CARGO_TARGET_DIR:-$here/../../target}"

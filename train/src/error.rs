@@ -1,94 +1,89 @@
-//! What can go wrong in training, and with what training leaves behind.
+//! Errors of training and of checkpoints.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use datagen::Kind;
-
-use crate::net::BadNetwork;
 
 /// An error of this crate.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value of the training configuration that makes no training.
+    /// An invalid value in the training configuration.
     #[error("{key} = {value}: expected {expected}")]
     Config {
-        /// Key, dotted.
+        /// Dotted key.
         key: &'static str,
-        /// What it says.
+        /// Its value.
         value: String,
-        /// What it may say.
+        /// Valid values.
         expected: &'static str,
     },
-    /// A value of a phase that makes no training.
+    /// An invalid value in a phase.
     #[error("phases.{index}.{key} = {value}: expected {expected}")]
     Phase {
-        /// Number of the phase, from 0.
+        /// Index of the phase, from 0.
         index: usize,
         /// Key of the phase.
         key: &'static str,
-        /// What it says.
+        /// Its value.
         value: String,
-        /// What it may say.
+        /// Valid values.
         expected: &'static str,
     },
-    /// A key that this kind of network needs, or that means nothing to it.
+    /// A key that this kind of network requires or does not have.
     #[error("network.{key}: {problem} for kind = \"{kind}\"")]
     KeyOfKind {
         /// Key below `network`.
         key: &'static str,
-        /// Missing or meaningless.
+        /// Missing or not supported.
         problem: &'static str,
-        /// What is trained.
+        /// Kind of the network.
         kind: Kind,
     },
     /// A network that cannot be built.
     #[error("network.{0}")]
-    Network(#[from] BadNetwork),
+    Network(#[from] InvalidNetwork),
     /// A dataset that cannot be read.
     #[error(transparent)]
     Dataset(#[from] datagen::Error),
-    /// Two datasets that one network cannot learn from.
+    /// Datasets with different cameras.
     #[error(
-        "datasets {} and {} differ in their camera ({key}: {first_value} and {second_value}); \
-         one network learns one camera", first.display(), second.display()
+        "datasets {} and {} have different cameras ({key}: {first_value} and {second_value}); a network is trained for \
+         one camera", first.display(), second.display()
     )]
     CamerasDiffer {
         /// One dataset.
         first: PathBuf,
-        /// The other.
+        /// The other dataset.
         second: PathBuf,
-        /// What differs.
+        /// Property that differs.
         key: &'static str,
-        /// The one's.
+        /// Value in the first dataset.
         first_value: f64,
-        /// The other's.
+        /// Value in the second dataset.
         second_value: f64,
     },
-    /// A row that cannot be learned from.
+    /// An unusable row of a dataset.
     #[error("dataset {}, row {row}: {problem}", path.display())]
     Row {
         /// Directory of the dataset.
         path: PathBuf,
-        /// Number of the row within the dataset.
+        /// Index of the row in the dataset.
         row: usize,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
-    /// Decoded images that cannot be written.
-    #[error(
-        "{}: {source}; the decoded images of the dataset take {} MB there", path.display(),
-        bytes.div_ceil(1_000_000)
-    )]
+    /// An image cache that cannot be written.
+    #[error("{}: {source}; the decoded images of the dataset need {} MB", path.display(), bytes.div_ceil(1_000_000))]
     Cache {
-        /// File that was to be.
+        /// The cache file.
         path: PathBuf,
         /// Its size.
         bytes: u64,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// An image that the network's input cannot be made of.
+    /// An image that does not fit the network's input.
     #[error(
         "an image of {}x{} pixels cannot become a network input of {}x{}: it must have the same aspect ratio and be \
          at least as large", image[0], image[1], input[0], input[1]
@@ -99,32 +94,32 @@ pub enum Error {
         /// Width and height of the input.
         input: [usize; 2],
     },
-    /// Too few examples to train and to validate.
+    /// Too few examples for training and validation.
     #[error("{found} examples in all datasets: training and validation need at least {needed}")]
     TooFewExamples {
-        /// How many there are.
+        /// Number of examples.
         found: usize,
-        /// How many there must be.
+        /// Least number of examples.
         needed: usize,
     },
-    /// Labels that are not numbers.
+    /// A label that is not finite.
     #[error(
         "a label of the training examples is not finite; check the datasets with `flowservo dataset verify`"
     )]
     LabelsNotFinite,
-    /// Training diverged.
+    /// Divergence: a loss or a gradient that is not finite.
     #[error(
         "the loss is {loss} and the norm of the gradient {gradient_norm} in epoch {epoch}, batch {batch}, at learning \
          rate {learning_rate:.3e}; {}; try a smaller phases.{phase}.learning_rate", last_good(checkpoint.as_ref())
     )]
     NotFinite {
-        /// Number of the phase, from 0.
+        /// Index of the phase, from 0.
         phase: usize,
         /// Epoch, from 1.
         epoch: usize,
         /// Batch within the epoch, from 1.
         batch: usize,
-        /// Learning rate of the step that was not taken.
+        /// Learning rate of the step, which was not taken.
         learning_rate: f64,
         /// Loss of the batch.
         loss: f64,
@@ -133,7 +128,7 @@ pub enum Error {
         /// The last checkpoint, if there is one.
         checkpoint: Option<PathBuf>,
     },
-    /// Stopped by the user; everything is saved.
+    /// Stopped by the user, with everything saved.
     #[error(
         "interrupted in epoch {epoch} of {epochs}; the state is saved in {}, and --resume continues exactly there",
         checkpoint.display()
@@ -146,19 +141,19 @@ pub enum Error {
         /// The saved state.
         checkpoint: PathBuf,
     },
-    /// A new run would overwrite another.
+    /// A new run in the directory of another one.
     #[error("{} already holds a run: continue it with --resume, or choose another directory", directory.display())]
     RunExists {
         /// Directory of the run.
         directory: PathBuf,
     },
-    /// Nothing to continue.
+    /// No run to resume.
     #[error("{} holds no run to resume (no \"last\" in it): start it without --resume", directory.display())]
     NothingToResume {
         /// Directory of the run.
         directory: PathBuf,
     },
-    /// The run that is to be continued is another one.
+    /// A run with a different configuration or different data than the one to resume.
     #[error(
         "{} was trained with {key} = {was}, and now it is {is}: resume with the same configuration and datasets, or \
          choose another directory", directory.display()
@@ -166,84 +161,96 @@ pub enum Error {
     OtherRun {
         /// Directory of the run.
         directory: PathBuf,
-        /// What differs, dotted.
+        /// Dotted key that differs.
         key: String,
-        /// In the run.
+        /// Value in the run.
         was: String,
-        /// Now.
+        /// Value now.
         is: String,
     },
-    /// A file of published weights that a network cannot begin from.
+    /// Published weights that cannot be imported.
     #[error("pretrained weights {}: {problem}", path.display())]
     Pretrained {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
-    /// A model that learned something else than the run that is to begin from it.
+    /// A parent model with a different task.
     #[error(
-        "{model} has {key} = {was}, and this configuration has {is}: a run begins from a model of the same network with \
-         the same outputs"
+        "{model} has {key} = {was}, and this configuration has {is}: a warm start needs a model with the same network \
+         and the same outputs"
     )]
     OtherTask {
         /// The model.
         model: String,
-        /// What differs, dotted.
+        /// Dotted key that differs.
         key: String,
-        /// In the model.
+        /// Value in the model.
         was: String,
-        /// In the configuration.
+        /// Value in the configuration.
         is: String,
     },
     /// A file or directory that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which.
+        /// The file or directory.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// A file of a checkpoint that is not what it should be.
+    /// An invalid file in a checkpoint.
     #[error("checkpoint file {}: {problem}", path.display())]
     Checkpoint {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
-    /// A file of a checkpoint that was changed or damaged.
+    /// A changed or damaged file in a checkpoint.
     #[error("checkpoint file {} is damaged: its SHA-256 is {found}, recorded was {expected}", path.display())]
     Digest {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// What was recorded.
+        /// Recorded digest.
         expected: String,
-        /// What it is.
+        /// Actual digest.
         found: String,
     },
-    /// A checkpoint of the other network.
-    #[error("checkpoint {} is one of kind \"{found}\", and \"{expected}\" is needed", path.display())]
+    /// A checkpoint of the other kind of network.
+    #[error("checkpoint {} is of kind \"{found}\", but \"{expected}\" is needed", path.display())]
     OtherKind {
         /// Directory of the checkpoint.
         path: PathBuf,
-        /// What it holds.
+        /// Kind of the checkpoint.
         found: Kind,
-        /// What was asked for.
+        /// Requested kind.
         expected: Kind,
     },
-    /// A checkpoint trained for another camera.
+    /// A checkpoint trained for a different camera.
     #[error("checkpoint {} was trained for a camera with {key} = {trained}, and this one has {found}", path.display())]
     OtherCamera {
         /// Directory of the checkpoint.
         path: PathBuf,
-        /// What differs.
+        /// Property that differs.
         key: &'static str,
-        /// The camera it was trained for.
+        /// Value of the camera it was trained for.
         trained: f64,
-        /// The camera it is used with.
+        /// Value of the camera it is used with.
         found: f64,
     },
+}
+
+/// An invalid value in the configuration of a network.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{key} = {value}: expected {expected}")]
+pub struct InvalidNetwork {
+    /// Key below `network`.
+    pub key: &'static str,
+    /// Its value.
+    pub value: String,
+    /// Valid values.
+    pub expected: &'static str,
 }
 
 fn last_good(checkpoint: Option<&PathBuf>) -> String {
@@ -251,6 +258,11 @@ fn last_good(checkpoint: Option<&PathBuf>) -> String {
         Some(path) => format!("the last good state is in {}", path.display()),
         None => "no checkpoint was written yet".to_owned(),
     }
+}
+
+/// Adds the path to an error of the file system.
+pub(crate) fn at(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
+    |source| Error::Io { path: path.to_owned(), source }
 }
 
 /// Result of this crate.

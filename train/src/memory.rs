@@ -1,11 +1,11 @@
-//! Memory that was freed is kept for the next step.
+//! A setting of the memory allocator.
 #![allow(unsafe_code)]
 
-/// Tells the allocator of the process to keep what is freed instead of returning it to the system.
+/// Configures the allocator of the process to keep freed memory instead of returning it to the system.
 ///
-/// A training step allocates and frees the same hundreds of megabytes as the one before. The C library of Linux returns large
-/// blocks at once and gets them again as pages that the kernel has to clear, which costs a third of the time of a step.
-/// Elsewhere this does nothing.
+/// Every training step allocates and frees the same hundreds of megabytes. The C library of Linux returns large blocks at
+/// once and receives them again as pages that the kernel must clear, which takes a third of the time of a step. Has no effect
+/// on other systems.
 pub fn keep_freed() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: `mallopt` takes two integers and changes settings of the allocator under its own lock.

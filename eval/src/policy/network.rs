@@ -3,7 +3,7 @@
 use super::{ApproachFactory, ApproachPolicy, AvoidFactory, AvoidPolicy, View};
 use crate::error::{Error, Result};
 use crate::trial::Trial;
-use train::model::{ApproachModel, AvoidModel};
+use train::{ApproachModel, AvoidModel};
 use world::{AvoidanceMap, Environment, PoseChange};
 
 impl ApproachFactory for ApproachModel {

@@ -112,7 +112,7 @@ impl<'a> Stages<'a> {
         } else {
             let datasets = used.iter().map(|(folder, _)| folder.clone()).collect();
             let config = TrainConfig { datasets, ..config.clone() };
-            let resume = ::train::fit::can_resume(&folder);
+            let resume = ::train::can_resume(&folder);
             let (config, out, device) = (&config, folder.as_path(), self.device);
             let job = train::Job { name: &name, config, out, device, warm_start: None, resume };
             let trained = train::fit(&job, self.stop)?;
