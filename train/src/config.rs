@@ -30,11 +30,11 @@ pub struct TrainConfig {
     pub validation: f64,
     /// Source of the images of a batch. It affects time, memory and disk space, but no result.
     pub images: ImageSource,
-    /// Published weights of FlowNetS or FlowNetC to start from (see [`pretrained`](crate::checkpoint::pretrained)). Without
+    /// Published weights of FlowNetS or FlowNetC to start from (see [`Imported`](crate::checkpoint::Imported)). Without
     /// it the initial weights are random.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pretrained: Option<PathBuf>,
-    /// Trained model to start from (see [`warm_start`](crate::checkpoint::warm_start)): a checkpoint folder, or a version in
+    /// Trained model to start from (see [`WarmStart`](crate::checkpoint::WarmStart)): a checkpoint folder, or a version in
     /// a registry, exactly as `NAME@sha256:DIGEST`. The caller resolves it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parent: Option<String>,

@@ -9,8 +9,8 @@
 //! optimizer.safetensors only in `last`: the moments of the optimizer
 //! ```
 //!
-//! A run saves its state ([`save`]) and resumes from it ([`training_state`]). Others use the network ([`model`]), start a
-//! run from it ([`warm_start`]), or read about it ([`model_info`], [`description`]).
+//! A run saves its state (`save`) and resumes from it (`training_state`). [`ApproachModel`] and [`AvoidModel`] use the
+//! network, [`WarmStart`] starts a run from it, and [`ModelInfo`] and [`Description`] describe it.
 
 pub(crate) mod description;
 pub(crate) mod files;
