@@ -22,39 +22,69 @@
 
 #![forbid(unsafe_code)]
 
+#[path = "store/card.rs"]
 pub mod card;
+#[path = "config/mod.rs"]
 pub mod config;
+#[path = "read/tally.rs"]
 mod counts;
+#[path = "store/existing_files.rs"]
 mod earlier;
 pub mod error;
+#[path = "row/example.rs"]
 pub mod example;
+#[path = "defect.rs"]
 pub mod fault;
+#[path = "row/features.rs"]
 pub mod features;
+#[path = "store/finish.rs"]
 pub mod finish;
+#[path = "store/generate.rs"]
 pub mod generate;
+#[path = "store/info.rs"]
 pub mod info;
+#[path = "config/objects.rs"]
 pub mod object_config;
+#[path = "store/part.rs"]
 pub mod part;
+#[path = "scene/sampler.rs"]
 pub mod placement;
+#[path = "row/png.rs"]
 pub mod png;
+#[path = "store/progress.rs"]
 pub mod progress;
 pub mod publish;
 mod queue;
+#[path = "scene/randomizer.rs"]
 pub mod randomization;
+#[path = "config/randomization.rs"]
 pub mod randomization_config;
+#[path = "scene/pose_range.rs"]
 pub mod range;
+#[path = "read/reader.rs"]
 pub mod reader;
+#[path = "store/config_file.rs"]
 pub mod recipe;
+#[path = "store/shard_record.rs"]
 pub mod record;
+#[path = "scene/rejection.rs"]
 pub mod rejection;
+#[path = "read/replay.rs"]
 pub mod replay;
+#[path = "row/decode.rs"]
 pub mod row;
+#[path = "row/schema.rs"]
 pub mod schema;
+#[path = "store/shard.rs"]
 pub mod shard;
+#[path = "read/running_stats.rs"]
 pub mod spread;
+#[path = "read/statistics.rs"]
 pub mod statistics;
 #[cfg(test)]
+#[path = "fixture.rs"]
 mod tiny;
+#[path = "store/verify.rs"]
 pub mod verify;
 
 pub use config::{DatasetConfig, Kind};

@@ -264,10 +264,10 @@ mod tests {
 
     #[test]
     fn the_schemas_are_the_published_ones() {
-        assert_eq!(described(&schema(&tiny::config("a", 1))), include_str!("../testdata/approach.schema"));
+        assert_eq!(described(&schema(&tiny::config("a", 1))), include_str!("../../testdata/approach.schema"));
         assert_eq!(
             described(&schema(&tiny::config("avoid", 1))),
-            include_str!("../testdata/avoidance.schema")
+            include_str!("../../testdata/avoidance.schema")
         );
     }
 
