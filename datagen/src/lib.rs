@@ -1,74 +1,54 @@
-//! Datasets: samples worlds, writes them as Parquet and reads them back (paper, Sections 6.2 and 6.3).
+//! Datasets: samples scenes, writes them as Parquet and reads them back (paper, Sections 6.2 and 6.3).
 //!
-//! One example is drawn from one random stream: motion, target, hand poses and obstacles, again until the arm reaches the
-//! poses, the hand touches nothing and the camera sees the target ([`placement`]). It is rendered and labeled
-//! ([`example`]), becomes a row ([`schema`]), and rows become files that are published by rename ([`mod@generate`]). Several
-//! processes or machines may each make a [`part`] of the files; who comes last, or [`mod@finish`], completes the dataset. A
-//! [`reader`] gives any rows back, and [`mod@replay`] makes one again to compare it with what is stored.
+//! The modules tell the way of a row, from its configuration to disk and back:
 //!
-//! **Invariant:** example `i` is a pure function of (configuration, seed, `i`), so files have the same bytes at any number of
-//! threads, and any row can be made again alone.
+//! 1. [`config`]: the configuration of a dataset is parsed and validated.
+//! 2. [`scene`]: a scene and hand poses are drawn until the arm reaches them, the hand touches nothing and the camera sees the
+//!    target.
+//! 3. [`row`]: the scene is rendered and labeled, and encoded as Arrow columns.
+//! 4. [`store`]: rows become Parquet files, and the files become a complete dataset. Several processes or machines can share the
+//!    work.
+//! 5. [`read`]: any rows are read back, summarized, or generated again and compared.
 //!
-//! **Invariant:** a folder with `dataset.json` is complete; it is written last, and names the digest of every file.
+//! **Invariant:** example `i` is a pure function of (configuration, seed, `i`). The bytes of all files are therefore independent
+//! of the number of threads and machines, and any row can be generated again alone.
+//!
+//! **Invariant:** a folder with `dataset.json` is complete. This file is written last, and contains the digests of the
+//! others.
 //!
 //! ```text
-//! OUT/data/train-00000-of-00010.parquet   rows, openable by any Parquet reader
-//! OUT/config.toml                         configuration; written first, so that an unfinished folder says what it is
-//! OUT/README.md                           the card, with what Hugging Face needs
-//! OUT/dataset.json                        configuration, digests; written last
-//! OUT/shards/                             digests of finished files, while the dataset is incomplete
-//! OUT/cache/                              no part of the dataset: what training makes of the images
+//! OUT/data/train-00000-of-00010.parquet   rows, readable by any Parquet tool
+//! OUT/config.toml                         configuration; written first
+//! OUT/README.md                           card, with the metadata for Hugging Face
+//! OUT/dataset.json                        manifest with configuration and digests; written last
+//! OUT/shards/                             records of finished files, while the dataset is incomplete
+//! OUT/cache/                              decoded images, written by training; not part of the dataset
 //! ```
 
 #![forbid(unsafe_code)]
 
-pub mod card;
 pub mod config;
-mod counts;
-mod earlier;
-pub mod error;
-pub mod example;
-pub mod fault;
-pub mod features;
-pub mod finish;
-pub mod generate;
-pub mod info;
-pub mod object_config;
-pub mod part;
-pub mod placement;
-pub mod png;
-pub mod progress;
+mod defect;
+pub mod digest;
+mod error;
+#[cfg(test)]
+mod fixture;
 pub mod publish;
 mod queue;
-pub mod randomization;
-pub mod randomization_config;
-pub mod range;
-pub mod reader;
-pub mod recipe;
-pub mod record;
-pub mod rejection;
-pub mod replay;
+pub mod read;
 pub mod row;
-pub mod schema;
-pub mod shard;
-pub mod spread;
-pub mod statistics;
-#[cfg(test)]
-mod tiny;
-pub mod verify;
+pub mod scene;
+pub mod store;
 
-pub use config::{DatasetConfig, Kind};
+pub use config::{ConfigError, DatasetConfig, Kind};
+pub use defect::{Defect, DefectKind};
 pub use error::{Error, Result};
-pub use example::{Collector, Example};
-pub use fault::Fault;
-pub use finish::finish;
-pub use generate::{PartSummary, Summary, generate, generate_part};
-pub use info::DatasetInfo;
-pub use part::Part;
-pub use placement::{Placement, Sampler};
-pub use progress::{Options, Progress};
-pub use reader::DatasetReader;
-pub use replay::{Replay, replay};
-pub use row::{ApproachRow, AvoidanceRow, CameraRow, ImagesRow, MotionRow, SceneRow};
-pub use statistics::DatasetStatistics;
-pub use verify::verify;
+pub use read::{DatasetReader, DatasetStatistics, Replay, replay, statistics};
+pub use row::{
+    ApproachRow, AvoidanceRow, CameraRow, Example, ExampleGenerator, ImagesRow, MotionRow, SceneRow, png,
+};
+pub use scene::{Placement, Rejections, Sampler};
+pub use store::{
+    DatasetInfo, Finished, Options, Part, PartSummary, Progress, Shard, Summary, finish, generate,
+    generate_part, verify,
+};

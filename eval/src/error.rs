@@ -19,14 +19,14 @@ pub enum Error {
     World(#[from] world::Error),
     /// The configuration describes no valid placement of target, obstacles and hand.
     #[error(transparent)]
-    Placement(#[from] datagen::Error),
+    Placement(#[from] datagen::ConfigError),
     /// No start and goal could be drawn for a session.
     #[error("session {index}: {source}")]
     Trial {
         /// Index of the session.
         index: usize,
         /// Cause.
-        source: datagen::Error,
+        source: datagen::Rejections,
     },
     /// No draw left enough clearance between the hand and the obstacles.
     #[error(

@@ -6,7 +6,7 @@
 
 use super::distribution::Distribution;
 use crate::session::record::SessionRecord;
-use datagen::spread::percentile;
+use datagen::statistics::percentile;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use world::PoseChange;

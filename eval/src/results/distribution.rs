@@ -1,6 +1,6 @@
 //! Statistics of a set of numbers.
 
-use datagen::spread::percentile;
+use datagen::statistics::percentile;
 
 /// Statistics of a set of numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use burn_store::SafetensorsStore;
-use datagen::publish::digest_of_file;
+use datagen::digest::digest_of_file;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

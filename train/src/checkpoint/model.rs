@@ -270,7 +270,7 @@ mod tests {
         ];
         for weights_bytes in corruptions {
             fs::write(&weights, &weights_bytes).unwrap();
-            info["weights_sha256"] = datagen::publish::digest(&weights_bytes).into();
+            info["weights_sha256"] = datagen::digest::digest(&weights_bytes).into();
             fs::write(&model, info.to_string()).unwrap();
             let refusal = AvoidModel::load(&checkpoint, &Device::flex()).unwrap_err();
             assert!(matches!(refusal, Error::Checkpoint { .. }), "{refusal}");

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use burn_store::ModuleSnapshot;
-use datagen::publish::digest_of_file;
+use datagen::digest::digest_of_file;
 
 use super::description::Description;
 use super::files::{MODEL, WEIGHTS, cannot_write, store, write_config, write_json};

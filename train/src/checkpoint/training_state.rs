@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use burn_store::ModuleSnapshot;
-use datagen::publish::digest_of_file;
+use datagen::digest::digest_of_file;
 use serde::{Deserialize, Serialize};
 
 use super::files::{OPTIMIZER, TRAINING, cannot_write, invalid, read_json, store, verify, write_json};

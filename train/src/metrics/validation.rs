@@ -8,7 +8,7 @@ use crate::data::targets::{Targets, map};
 use crate::network::avoid::DIRECTIONS;
 
 /// Avoidance value above which a direction counts as blocked.
-const BLOCKED: f32 = 0.5;
+const BLOCKED: f32 = datagen::statistics::BLOCKED as f32;
 
 /// Metrics on the validation set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
