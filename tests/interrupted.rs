@@ -55,7 +55,7 @@ fn names(folder: &Path, end: &str) -> BTreeSet<String> {
 enum Moment {
     /// When the next file reaches this size, in blocks of 512 bytes.
     AtSize(u32),
-    /// When the next file is complete and its record is not.
+    /// When the next file is finished, and the one after it is complete but has no record.
     BeforeRecord,
 }
 
@@ -70,43 +70,42 @@ fn a_killed_dataset_resumes_and_ends_with_the_same_bytes() {
         (record.clone(), fs::metadata(file).unwrap().ino())
     };
     let mut committed: BTreeSet<(String, u64)> = BTreeSet::new();
-    for round in 0..24_u32 {
-        let moment = if round % 2 == 0 { Moment::AtSize(round * 40) } else { Moment::BeforeRecord };
-        let next = committed.len();
+    for round in 0..24 {
+        let moment = if round % 2 == 0 { Moment::AtSize(round * 20) } else { Moment::BeforeRecord };
         let killed = match moment {
             Moment::AtSize(blocks) => folder.run_and_kill_at_size(blocks, &generate_many("data")),
             Moment::BeforeRecord => {
-                let _held = folder.hold(&format!("data/shards/train-{next:05}-of-00048.json"));
-                let file = data.join(format!("train-{next:05}-of-00048.parquet"));
+                let name = format!("train-{:05}-of-00048", committed.len() + 1);
+                let _held = folder.hold(&format!("data/shards/{name}.json"));
+                let file = data.join(format!("{name}.parquet"));
                 folder.run_and_kill(&generate_many("data"), || file.exists())
             }
         };
-        assert!(killed, "round {round}: not killed {moment:?}");
-        let half = names(&data, ".partial").len();
-        let now = names(&records, ".json").iter().map(inode).collect();
+        assert!(killed, "round {round}: finished before {moment:?}");
+        let now: BTreeSet<_> = names(&records, ".json").iter().map(inode).collect();
         assert!(committed.is_subset(&now), "{moment:?}: a finished file is gone or was made again");
-        println!("round {round} {moment:?} {half} {} {}", committed.len(), names(&data, ".parquet").len());
+        match moment {
+            Moment::AtSize(0) => {}
+            Moment::AtSize(_) => assert_eq!(names(&data, ".partial").len(), 1),
+            Moment::BeforeRecord => assert_eq!(now.len(), committed.len() + 1),
+        }
         committed = now;
     }
-    kill_at_the_end(&folder);
-    let result = folder.run(&generate_many("data")).ok().json();
-    assert_eq!(result["rows_made"], 0);
+    let rest = folder.run(&format!("{} --shard 1/1", generate_many("data"))).ok().json();
+    assert_eq!(rest["rows_made"], 7680 - 160 * committed.len() as u64);
+    // Before the card is written, and before the description is.
+    for (written, held) in [("shards", "README.md"), ("README.md", "dataset.json")] {
+        let (_held, written) = (folder.hold(&format!("data/{held}")), folder.path("data").join(written));
+        assert!(folder.run_and_kill(&generate_many("data"), || written.exists()));
+        assert!(!folder.path("data").join(held).exists());
+    }
+    assert_eq!(folder.run(&generate_many("data")).ok().json()["rows_made"], 0);
     for (record, inode) in &committed {
         let file = data.join(record.replace(".json", ".parquet"));
         assert_eq!(fs::metadata(file).unwrap().ino(), *inode, "{record} was made again");
     }
     folder.run(&generate_many("whole")).ok();
     assert!(folder.files("data") == folder.files("whole"));
-}
-
-/// Completes all files of a dataset and kills the program before it writes the card and before it writes the description.
-fn kill_at_the_end(folder: &Folder) {
-    folder.run(&format!("{} --shard 1/1", generate_many("data"))).ok();
-    for (written, held) in [("shards", "README.md"), ("README.md", "dataset.json")] {
-        let (_held, written) = (folder.hold(&format!("data/{held}")), folder.path("data").join(written));
-        assert!(folder.run_and_kill(&generate_many("data"), || written.exists()));
-        assert!(!folder.path("data").join(held).exists());
-    }
 }
 
 #[test]
