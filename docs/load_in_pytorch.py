@@ -1,8 +1,8 @@
 """Uses a published model in PyTorch, without flowservo: python load_in_pytorch.py MODEL CURRENT.png [GOAL.png]
 
-MODEL is a folder that `flowservo model pull` or `flowservo model export --format huggingface` wrote, and all that is known about
-the network comes from its config.json. Prints what `flowservo model predict` computes: for CNN_approach six numbers in metres
-and radians, for CNN_avoid 180 numbers from 0 to 1. The images have the size of the network's input, or a multiple of it.
+MODEL is a folder written by `flowservo model pull` or `flowservo model export --format huggingface`. Its config.json describes
+the network completely. Prints the same output as `flowservo model predict`: six numbers in meters and radians for CNN_approach,
+180 numbers from 0 to 1 for CNN_avoid. The size of the images is the input size of the network or a multiple of it.
 Needs torch, safetensors, numpy and pillow.
 """
 
@@ -25,7 +25,7 @@ def load(folder):
 
 
 def image(path, spec):
-    """`[1, 3, height, width]`: averaged down over whole areas, rounded to bytes (half of one up), scaled."""
+    """Pixels as `[1, 3, height, width]`: averaged over equal areas, rounded to bytes (halves up), then scaled."""
     pixels = torch.from_numpy(numpy.array(Image.open(path).convert("RGB"))).permute(2, 0, 1)[None].double()
     factor = pixels.shape[3] // spec["width"]
     assert pixels.shape[2:] == (factor * spec["height"], factor * spec["width"]), f"{path}: {pixels.shape}"
@@ -40,7 +40,7 @@ def correlation(first, second, reach, stride):
 
 
 def network(config, weights, images):
-    """The network's output for one order of the images."""
+    """Output of the network for the images in this order."""
     net = config["network"]
     active = lambda x: F.leaky_relu(x, net["activation"]["slope"])
 
@@ -69,7 +69,7 @@ def network(config, weights, images):
 def predict(folder, paths):
     config, weights = load(folder)
     images = [image(path, config["input"]) for path in paths]
-    assert len(images) == len(config["input"]["images"]), f"needs images of: {config['input']['images']}"
+    assert len(images) == len(config["input"]["images"]), f"expected images: {config['input']['images']}"
     x = network(config, weights, images)
     if config["network"]["symmetry"] == "antisymmetric":
         x = (x - network(config, weights, images[::-1])) / 2

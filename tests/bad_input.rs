@@ -1,4 +1,4 @@
-//! Bad input gets an error that names the place and says what to do, before work is done where it can be known before.
+//! Bad input causes an error that names the place and the remedy, before any work is done where possible.
 
 use crate::support::{Folder, repository};
 
@@ -6,7 +6,7 @@ fn config(name: &str) -> String {
     repository().join("configs").join(name).display().to_string()
 }
 
-/// Generates a dataset of a few tiny images with these further changes.
+/// Generates a dataset of a few tiny images with further arguments.
 fn dataset(changes: &str) -> String {
     let size = "--set count=3 --set world.camera.width=32 --set world.camera.height=24";
     format!("dataset generate {} --out data {size} {changes}", config("datasets/c.toml"))
@@ -47,7 +47,7 @@ fn bad_configurations() {
         folder.write("bad.toml", &changed);
         folder.run("dataset generate bad.toml --out data").fails(2, &words);
     }
-    assert!(!folder.path("data").exists(), "nothing is written before the configuration is known to be good");
+    assert!(!folder.path("data").exists(), "nothing is written before the configuration has been checked");
     let train = config("train/approach.toml");
     folder
         .run(&format!("train {train} --out run --set optimizer.batch=0"))
@@ -63,13 +63,13 @@ fn bad_configurations() {
 }
 
 #[test]
-fn what_cannot_be_placed_or_reached() {
+fn scenes_that_cannot_be_placed_or_reached() {
     let folder = Folder::new();
     let bounded = "--set rejection.tries=50";
     let far = dataset(&format!("{bounded} --set target.x_mm=[900.0,900.0]"));
     let refused = folder.run(&far);
     refused.fails(1, &["no acceptable scene", "rejection.tries", "reach"]);
-    assert_eq!(refused.stderr().matches("no acceptable scene").count(), 1, "an error is said once");
+    assert_eq!(refused.stderr().matches("no acceptable scene").count(), 1, "the error is reported once");
     let crowded = dataset(&format!("{bounded} --set obstacles.count=[30,30]"));
     folder.run(&crowded).fails(1, &["no acceptable scene", "too close to the target or each other"]);
     assert!(!folder.path("data/dataset.json").exists());
@@ -101,7 +101,7 @@ fn damaged_and_foreign_datasets() {
 }
 
 #[test]
-fn a_loss_that_is_no_number() {
+fn a_loss_that_is_not_a_number() {
     let folder = Folder::new();
     folder.run(&dataset("--set count=8")).ok();
     let wild = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=2 \
@@ -112,7 +112,7 @@ fn a_loss_that_is_no_number() {
 }
 
 #[test]
-fn models_that_are_none_or_another() {
+fn missing_and_unsuitable_models() {
     let folder = Folder::new();
     let eval = format!("eval {} --out e --set sessions=1", config("eval/table1.toml"));
     folder.run(&eval).fails(2, &["approach is no checkpoint's folder", "models"]);
@@ -139,7 +139,7 @@ fn models_that_are_none_or_another() {
 
 #[cfg(not(any(feature = "wgpu-software", feature = "cuda")))]
 #[test]
-fn a_device_that_is_not_there() {
+fn a_missing_device() {
     let folder = Folder::new();
     for device in ["wgpu", "cuda"] {
         let eval = format!("eval {} --out e --device {device}", config("eval/oracle.toml"));
@@ -148,7 +148,7 @@ fn a_device_that_is_not_there() {
 }
 
 #[test]
-fn a_place_that_cannot_be_written() {
+fn a_folder_that_cannot_be_written() {
     let folder = Folder::new();
     folder.write("file", "not a folder");
     let into = |out: &str| dataset("").replace("--out data", &format!("--out {out}"));
@@ -158,9 +158,9 @@ fn a_place_that_cannot_be_written() {
 }
 
 #[test]
-fn a_reader_that_went_away() {
+fn a_closed_pipe() {
     let folder = Folder::new();
-    // The work is done whether or not anyone reads how it goes.
+    // The work is done even if nobody reads the progress.
     folder.run_unread(&dataset(""), true).fails(141, &[]);
     assert!(folder.path("data/dataset.json").exists());
     let unread = folder.run_unread("dataset info data", false);

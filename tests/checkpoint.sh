@@ -1,10 +1,10 @@
-# Sourced by the scripts that publish something.
+# Sourced by scripts that publish a model.
 
-# checkpoint FOLDER COUNT: a folder that holds what a checkpoint holds, with so many random numbers for weights.
+# checkpoint FOLDER COUNT: writes a checkpoint with this many random weights.
 checkpoint() {
     local header length digest
     mkdir "$1"
-    # The form of safetensors: the header's length in eight bytes, the header, the numbers.
+    # The safetensors format: length of the header in eight bytes, header, numbers.
     header="{\"w\":{\"dtype\":\"F32\",\"shape\":[$2],\"data_offsets\":[0,$(($2 * 4))]}}"
     length="$(printf %02x "${#header}")"
     { printf "\\x$length\\0\\0\\0\\0\\0\\0\\0%s" "$header" && head -c "$(($2 * 4))" /dev/urandom; } >"$1/weights.safetensors"

@@ -1,10 +1,10 @@
-//! The wgpu path, on a Vulkan driver that computes on the CPU. Only in builds with `--features wgpu-software`:
-//! `.ci/run` does not run it, CONTRIBUTING.md says how to.
+//! `wgpu` on a Vulkan driver that runs on the CPU. Only in builds with `--features wgpu-software`, which `.ci/run` does not
+//! make; see CONTRIBUTING.md.
 
 use crate::support::{Folder, Run, repository};
 use serde_json::Value;
 
-/// Mesa's software driver under its older and its newer name, without all other drivers of the machine.
+/// Mesa's software driver, under its older and its newer name.
 const SOFTWARE: &str = "/usr/share/vulkan/icd.d/lvp_icd.x86_64.json:/usr/share/vulkan/icd.d/lvp_icd.json";
 const NONE: &str = "/nonexistent.json";
 
@@ -19,7 +19,7 @@ fn train(kind: &str, out: &str, device: &str, further: &str) -> String {
 
 const CAMERA: &str = "--set world.camera.width=32 --set world.camera.height=24";
 
-/// A folder with a dataset of each kind.
+/// A folder with one dataset of each kind.
 fn with_datasets() -> Folder {
     let folder = Folder::new();
     for (kind, config) in [("approach", "a"), ("avoid", "avoid")] {
@@ -31,13 +31,13 @@ fn with_datasets() -> Folder {
     folder
 }
 
-/// The epochs of a run.
+/// The epoch records of a run.
 fn epochs(folder: &Folder, run: &str) -> Vec<Value> {
     let lines = std::fs::read_to_string(folder.path(run).join("metrics.jsonl")).unwrap();
     lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// Losses and gradients of two runs agree to this part of them.
+/// Relative tolerance of losses and gradients.
 const TOLERANCE: f64 = 1e-4;
 
 #[track_caller]
@@ -68,7 +68,7 @@ fn networks_train_resume_and_servo_through_vulkan_as_on_the_cpu() {
         agree(&folder, [&gpu, &cpu]);
     }
 
-    let stopped = folder.run_until("resumed/last", &train("approach", "resumed", "wgpu-software", ""));
+    let stopped = folder.interrupt_training("resumed", &train("approach", "resumed", "wgpu-software", ""));
     stopped.fails(1, &["--resume"]);
     folder.run_with_driver(SOFTWARE, &train("approach", "resumed", "wgpu-software", "--resume")).ok();
     agree(&folder, ["resumed", "approach-cpu"]);
@@ -87,7 +87,7 @@ fn networks_train_resume_and_servo_through_vulkan_as_on_the_cpu() {
 }
 
 #[test]
-fn a_software_rasterizer_is_not_taken_for_a_graphics_processor() {
+fn a_software_rasterizer_is_not_selected_as_a_gpu() {
     let folder = with_datasets();
     let auto = folder.run_with_driver(SOFTWARE, &train("approach", "auto", "auto", "")).ok();
     on(&auto, "CPU");
@@ -99,7 +99,7 @@ fn a_software_rasterizer_is_not_taken_for_a_graphics_processor() {
 }
 
 #[test]
-fn without_a_driver_auto_is_the_cpu_and_says_nothing_more() {
+fn without_a_driver_auto_silently_selects_the_cpu() {
     let folder = with_datasets();
     let plain = folder.run(&train("approach", "plain", "cpu", "")).ok();
     let auto = folder.run_with_driver(NONE, &train("approach", "auto", "auto", "")).ok();

@@ -1,11 +1,10 @@
-//! Ctrl-C, SIGKILL and a full disk: what is finished stays, and the same command goes on.
+//! Ctrl-C, SIGKILL and a full disk: finished work is kept, and the same command resumes.
 
 use crate::support::{Folder, repository};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 fn generate(count: usize) -> String {
     let config = repository().join("configs/datasets/a.toml");
@@ -17,21 +16,24 @@ fn generate(count: usize) -> String {
 }
 
 #[test]
-fn a_dataset_goes_on_after_ctrl_c() {
+fn a_dataset_resumes_after_ctrl_c() {
     let folder = Folder::new();
-    let stopped = folder.run_until("data/data/train-00000-of-00032.parquet", &generate(4096));
+    // The program waits for this record, so that it cannot get further before Ctrl-C.
+    folder.run(&format!("{} --shard 1/32", generate(4096))).ok();
+    let held = folder.hold("data/shards/train-00003-of-00032.json");
+    let reached = folder.path("data/data/train-00003-of-00032.parquet");
+    let stopped = folder.run_and_interrupt(&generate(4096), || reached.exists(), || drop(held));
     stopped.fails(1, &["stopped after", "of 32 files finished; the same command continues"]);
     folder.run("dataset verify data").fails(1, &["of 32 files are finished", "data/config.toml --out data"]);
     assert!(!folder.path("data/dataset.json").exists(), "an incomplete dataset must not look complete");
     let result = folder.run(&generate(4096)).ok().json();
-    let made = result["rows_made"].as_u64().unwrap();
-    assert!(made > 0 && made < 4096, "{made} rows were made again");
+    assert_eq!(result["rows_made"], 4096 - 4 * 128);
     let whole = Folder::new();
     let undisturbed = whole.run(&generate(4096)).ok().json();
     assert_eq!(result["digest"], undisturbed["digest"]);
 }
 
-/// A dataset of 48 files of two groups of tiny images.
+/// Generates a dataset of tiny images in 48 files of two row groups each.
 fn generate_many(out: &str) -> String {
     let config = repository().join("configs/datasets/a.toml");
     format!(
@@ -41,93 +43,73 @@ fn generate_many(out: &str) -> String {
     )
 }
 
-/// Names in a folder of the dataset that end so.
+/// Names in a folder with this ending.
 fn names(folder: &Path, end: &str) -> BTreeSet<String> {
     let Ok(entries) = fs::read_dir(folder) else { return BTreeSet::new() };
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     names.filter(|name| name.ends_with(end)).collect()
 }
 
-/// When to kill the making of a dataset.
+/// When a program that generates a dataset is killed.
 #[derive(Debug)]
-enum Step {
-    /// So long after it began.
-    After(Duration),
-    /// In the midst of a file, of which a group is written.
-    Within,
-    /// When a file has got its name, and not yet its record.
-    Named,
-    /// When a file is finished.
-    Recorded,
+enum Moment {
+    /// When the next file reaches this size, in blocks of 512 bytes.
+    AtSize(u32),
+    /// When the next file is finished, and the one after it is complete but has no record.
+    BeforeRecord,
 }
 
-#[cfg(unix)]
 #[test]
-fn a_dataset_goes_on_after_being_killed_at_any_moment_and_ends_alike() {
+fn a_killed_dataset_resumes_and_ends_with_the_same_bytes() {
     use std::os::unix::fs::MetadataExt as _;
     let folder = Folder::new();
     let (data, records) = (folder.path("data/data"), folder.path("data/shards"));
-    let finished = || names(&records, ".json");
-    // The file that a record is of. Made again, it would be another.
+    // A file that is made again has a different inode.
     let inode = |record: &String| {
         let file = data.join(record.replace(".json", ".parquet"));
         (record.clone(), fs::metadata(file).unwrap().ino())
     };
-    let (mut kills, mut within, mut random) = (0, 0, 7_u64);
     let mut committed: BTreeSet<(String, u64)> = BTreeSet::new();
-    for round in 0..28 {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let step = match round % 4 {
-            0 => Step::After(Duration::from_micros((random >> 33) % 150_000)),
-            1 => Step::Within,
-            2 => Step::Named,
-            _ => Step::Recorded,
+    for round in 0..24 {
+        let moment = if round % 2 == 0 { Moment::AtSize(round * 20) } else { Moment::BeforeRecord };
+        let killed = match moment {
+            Moment::AtSize(blocks) => folder.run_and_kill_at_size(blocks, &generate_many("data")),
+            Moment::BeforeRecord => {
+                let name = format!("train-{:05}-of-00048", committed.len() + 1);
+                let _held = folder.hold(&format!("data/shards/{name}.json"));
+                let file = data.join(format!("{name}.parquet"));
+                folder.run_and_kill(&generate_many("data"), || file.exists())
+            }
         };
-        let (begun, before) = (Instant::now(), (finished().len(), names(&data, ".parquet").len()));
-        let killed = folder.run_and_kill(&generate_many("data"), || match step {
-            Step::After(delay) => begun.elapsed() >= delay,
-            Step::Within => names(&data, ".partial")
-                .iter()
-                .any(|name| fs::metadata(data.join(name)).is_ok_and(|partial| partial.len() > 1000)),
-            Step::Named => names(&data, ".parquet").len() > before.1,
-            Step::Recorded => finished().len() > before.0,
-        });
-        assert!(killed, "round {round}: the dataset was finished before {step:?}");
-        kills += 1;
-        within += usize::from(!names(&data, ".partial").is_empty());
-        let now = finished().iter().map(inode).collect();
-        assert!(committed.is_subset(&now), "{step:?}: what was finished is gone or was made again");
+        assert!(killed, "round {round}: finished before {moment:?}");
+        let now: BTreeSet<_> = names(&records, ".json").iter().map(inode).collect();
+        assert!(committed.is_subset(&now), "{moment:?}: a finished file is gone or was made again");
+        match moment {
+            Moment::AtSize(0) => {}
+            Moment::AtSize(_) => assert_eq!(names(&data, ".partial").len(), 1),
+            Moment::BeforeRecord => assert_eq!(now.len(), committed.len() + 1),
+        }
         committed = now;
     }
-    assert!(within >= 5, "{within} of {kills} kills were in the midst of a file");
-    kills += kill_at_the_end(&folder);
-    let result = folder.run(&generate_many("data")).ok().json();
-    assert!(result["rows_made"].as_u64().unwrap() <= 7680 - 160 * committed.len() as u64);
+    let rest = folder.run(&format!("{} --shard 1/1", generate_many("data"))).ok().json();
+    assert_eq!(rest["rows_made"], 7680 - 160 * committed.len() as u64);
+    // Before the card is written, and before the description is.
+    for (written, held) in [("shards", "README.md"), ("README.md", "dataset.json")] {
+        let (_held, written) = (folder.hold(&format!("data/{held}")), folder.path("data").join(written));
+        assert!(folder.run_and_kill(&generate_many("data"), || written.exists()));
+        assert!(!folder.path("data").join(held).exists());
+    }
+    assert_eq!(folder.run(&generate_many("data")).ok().json()["rows_made"], 0);
     for (record, inode) in &committed {
         let file = data.join(record.replace(".json", ".parquet"));
         assert_eq!(fs::metadata(file).unwrap().ino(), *inode, "{record} was made again");
     }
     folder.run(&generate_many("whole")).ok();
-    assert!(folder.files("data") == folder.files("whole"), "differs after {kills} kills");
-}
-
-/// Kills the run that has all files, in the midst of what it writes last; returns how often.
-#[cfg(unix)]
-fn kill_at_the_end(folder: &Folder) -> usize {
-    let there = |name: &str| folder.path("data").join(name).exists();
-    folder.run(&format!("{} --shard 1/1", generate_many("data"))).ok();
-    let moments: [&dyn Fn() -> bool; 4] = [
-        &|| there(".README.md.partial"),
-        &|| there("README.md"),
-        &|| there(".dataset.json.partial"),
-        &|| there("dataset.json"),
-    ];
-    let kill = |moment: &&dyn Fn() -> bool| folder.run_and_kill(&generate_many("data"), moment);
-    moments.iter().filter(|moment| kill(moment)).count()
+    assert!(folder.files("data") == folder.files("whole"));
 }
 
 #[test]
-fn half_written_leftovers_do_not_block() {
+fn half_written_files_do_not_block() {
     let folder = Folder::new();
     folder.run(&generate_many("whole")).ok();
     folder.run(&format!("{} --shard 1/2", generate_many("data"))).ok();
@@ -136,7 +118,7 @@ fn half_written_leftovers_do_not_block() {
     {
         folder.write(&format!("data/{name}"), "what a killed process left");
     }
-    // Records cut short: of a file that is there, and of one that is not; and a file without a record.
+    // Truncated records, of a file that exists and of one that does not, and a file without a record.
     let record = fs::read_to_string(folder.path("data/shards/train-00002-of-00048.json")).unwrap();
     for i in [2, 3] {
         folder.write(&format!("data/shards/train-{i:05}-of-00048.json"), &record[..record.len() / 2]);
@@ -167,10 +149,10 @@ fn train(out: &str, epochs: usize) -> String {
 }
 
 #[test]
-fn training_goes_on_after_ctrl_c_and_ends_alike() {
+fn training_resumes_after_ctrl_c_and_ends_with_the_same_weights() {
     let folder = Folder::new();
     folder.run(&generate(64)).ok();
-    folder.run_until("run/last", &train("run", 150)).fails(1, &["--resume"]);
+    folder.interrupt_training("run", &train("run", 150)).fails(1, &["--resume"]);
     let resumed = folder.run(&format!("{} --resume", train("run", 150))).ok();
     assert!(resumed.stderr().contains("resumed after"), "{}", resumed.stderr());
     let undisturbed = folder.run(&train("other", 150)).ok().json();
@@ -179,64 +161,72 @@ fn training_goes_on_after_ctrl_c_and_ends_alike() {
     assert!(weights("run") == weights("other"), "the same weights to the bit");
 }
 
-/// When to kill a run.
-enum Moment {
-    /// So long after it got further than the run before.
-    After(Duration),
-    /// While this is there.
+/// When a training run is killed.
+#[derive(Debug)]
+enum Due {
+    /// At this checkpoint, counted from the start of the program.
+    AtCheckpoint(u32),
+    /// While this exists.
     While(&'static str),
 }
 
-#[cfg(unix)]
 #[test]
-fn training_goes_on_after_being_killed_at_any_moment_and_ends_alike() {
+fn killed_training_resumes_and_ends_with_the_same_weights() {
     let folder = Folder::new();
     folder.run(&generate(64)).ok();
-    let killed = format!("{} --set checkpoint_steps=1", train("run", 30));
-    let state = || fs::read(folder.path("run/last/training.json")).unwrap_or_default();
+    let command = format!("{} --set checkpoint_steps=1", train("run", 30));
+    let path = |name: &str| folder.path("run").join(name);
     let moments = [
-        Moment::After(Duration::ZERO),
-        Moment::While("last.partial"),
-        Moment::After(Duration::from_millis(7)),
-        Moment::While("last.partial/optimizer.safetensors"),
-        Moment::While("best.partial"),
-        Moment::After(Duration::from_millis(31)),
-        Moment::While("last.previous"),
+        Due::AtCheckpoint(1),
+        Due::While("last.partial"),
+        Due::AtCheckpoint(2),
+        Due::While("last.partial/optimizer.safetensors"),
+        Due::While("best.partial"),
+        Due::AtCheckpoint(5),
+        Due::While("last.previous"),
     ];
+    let mut tries = 0;
     let mut kills = 0;
-    for moment in moments {
-        let there = ["run/last", "run/last.previous"].iter().any(|name| folder.path(name).exists());
-        let (before, mut further) = (state(), None);
+    while kills < moments.len() {
+        let (mut state, mut checkpoints) = (fs::read(path("last/training.json")).unwrap_or_default(), 0);
         let due = || {
-            if further.is_none() {
-                let now = state();
-                further = (!now.is_empty() && now != before).then(Instant::now);
+            let now = fs::read(path("last/training.json")).unwrap_or_default();
+            if !now.is_empty() && now != state {
+                (state, checkpoints) = (now, checkpoints + 1);
             }
-            further.is_some_and(|since| match moment {
-                Moment::After(delay) => since.elapsed() >= delay,
-                Moment::While(name) => folder.path("run").join(name).exists(),
-            })
+            // Each run of the program gets further than the one before.
+            checkpoints > 0
+                && match moments[kills] {
+                    Due::AtCheckpoint(number) => checkpoints >= number,
+                    Due::While(name) => path(name).exists(),
+                }
         };
-        let resume = if there { " --resume" } else { "" };
-        kills += usize::from(folder.run_and_kill(&format!("{killed}{resume}"), due));
-        // What a crash of the machine may leave besides.
-        folder.write("run/last.partial/weights.safetensors", "half a fi");
-        let torn = fs::read_to_string(folder.path("run/metrics.jsonl")).unwrap() + "{\"epoch\":99,\"tra";
-        folder.write("run/metrics.jsonl", &torn);
+        let resume = if path("last").exists() || path("last.previous").exists() { " --resume" } else { "" };
+        if folder.run_and_kill(&format!("{command}{resume}"), due) {
+            kills += 1;
+            // A crash of the machine can also leave these.
+            folder.write("run/last.partial/weights.safetensors", "half a fi");
+            let torn = fs::read_to_string(path("metrics.jsonl")).unwrap() + "{\"epoch\":99,\"tra";
+            folder.write("run/metrics.jsonl", &torn);
+        } else {
+            // It finished first.
+            fs::remove_dir_all(folder.path("run")).unwrap();
+            tries += 1;
+            assert!(tries < 20, "finished 20 times before {:?}", moments[kills]);
+        }
     }
-    assert!(kills >= 5, "the run was at its end after {kills} kills");
-    folder.run(&format!("{killed} --resume")).ok();
+    folder.run(&format!("{command} --resume")).ok();
     folder.run(&train("other", 30)).ok();
     for file in ["last/weights.safetensors", "last/model.json", "best/weights.safetensors", "best/model.json"]
     {
         let [resumed, undisturbed] =
             ["run", "other"].map(|run| fs::read(folder.path(run).join(file)).unwrap());
-        assert!(resumed == undisturbed, "{file} differs after {kills} kills");
+        assert!(resumed == undisturbed, "{file} differs");
     }
     assert_eq!(metrics(&folder, "run"), metrics(&folder, "other"));
 }
 
-/// The lines of `metrics.jsonl` without what no two runs have the same.
+/// The lines of `metrics.jsonl` without measurements of time and memory.
 fn metrics(folder: &Folder, run: &str) -> Vec<Value> {
     let text = fs::read_to_string(folder.path(run).join("metrics.jsonl")).unwrap();
     let untimed = |line: &str| {

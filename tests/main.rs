@@ -1,40 +1,40 @@
-//! Integration tests: one binary, because every further one would link Burn again.
+//! Integration tests. They share one binary, because each additional one would link Burn again.
 
 #![forbid(unsafe_code)]
 #![allow(clippy::unwrap_used)]
 
-/// Drives the program in a folder of its own.
+/// Runs the program in a temporary folder.
 mod support;
 
-/// The house rules that a machine can check.
+/// House rules that a machine can check.
 mod tidy;
 
-/// Equations (1) to (8) and the ranges of Section 6.2, each against an oracle of its own.
+/// Equations (1) to (8) and the ranges of Section 6.2, each against an independent oracle.
 mod paper;
 
-/// Datasets through the command line.
+/// Dataset commands.
 mod datasets;
 
-/// Bad input: each case gets a clear error and the right exit code.
+/// Bad input: clear errors and exit codes.
 mod bad_input;
 
-/// Ctrl-C and a full disk: what is finished stays, and the same command goes on.
+/// Ctrl-C, kills and full disks: finished work is kept, and the same command resumes.
 #[cfg(unix)]
 mod interrupted;
 
-/// From datasets to Table 1 and the report, through the command line.
+/// The whole pipeline, from datasets to Table 1 and the report.
 mod pipeline;
 
 /// Training from a published model.
 mod warm_start;
 
-/// The registry through the command line.
+/// Registry commands.
 mod models;
 
-/// The registry under attack: publishers at once, readers in between, SIGKILL.
+/// The registry under concurrent publishers, readers and SIGKILL.
 #[cfg(unix)]
 mod registry;
 
-/// The wgpu path on a software Vulkan driver.
+/// `wgpu` on a software Vulkan driver.
 #[cfg(feature = "wgpu-software")]
 mod devices;

@@ -1,5 +1,5 @@
-//! The paper's numbered equations and ranges, each against something else than the code: closed forms, finite differences,
-//! brute force, the printed numbers.
+//! The paper's numbered equations and ranges, each against an independent oracle: a closed form, finite differences, brute
+//! force, the printed numbers.
 
 use crate::support::repository;
 use approx::assert_relative_eq;
@@ -102,7 +102,7 @@ fn mediation() -> MediationConfig {
     }
 }
 
-/// A point in the middle of the image.
+/// A point in the center of the image.
 fn in_sight(environment: &Environment, joints: &JointVector) -> Point3<f64> {
     environment.arm.robot_from_hand(joints) * Point3::new(0.0, 0.0, 0.1)
 }
@@ -120,7 +120,7 @@ fn eq_4_5_6_without_active_rows_the_program_is_weighted_least_squares() {
     let normal = j.transpose() * w * j + Matrix6::identity() * 1e-6;
     let expected = normal.lu().solve(&(j.transpose() * w * v.to_vector())).unwrap();
     assert_relative_eq!(command.displacement, expected, epsilon = 1e-6);
-    // The hand goes where it should, not away from it as with the printed sign of c.
+    // The hand moves toward its goal; with the printed sign of c it would move away.
     let moved = environment
         .arm
         .robot_from_hand(&joints)
@@ -171,7 +171,7 @@ fn eq_8_the_image_of_the_target_moves_as_predicted_and_stays_in_the_image() {
         let central = (image(&(joints + nudge)).0 - image(&(joints - nudge)).0) / 2e-6;
         assert_relative_eq!(predicted.column(joint).into_owned(), central, epsilon = 1e-7);
     }
-    // A motion that would lose the target to the side is followed only as far as the target stays in sight.
+    // A motion that would lose the target sideways is followed only while the target stays in view.
     let mediator = Mediator::new(&mediation(), &environment.camera);
     let lose = PoseChange::from_array([0.0, 0.08, 0.0, 0.0, 0.0, 0.0]);
     let mut now = joints;
@@ -179,10 +179,10 @@ fn eq_8_the_image_of_the_target_moves_as_predicted_and_stays_in_the_image() {
         now += mediator.solve(&environment.arm, &now, &lose.capped(0.02, 0.1), &target).displacement;
         assert!(environment.camera.sees(&environment.arm.robot_from_hand(&now), &target));
     }
-    assert!((now - joints).norm() > 1e-3, "the free part of the motion is followed");
+    assert!((now - joints).norm() > 1e-3, "the part of the motion that keeps the target in view is followed");
 }
 
-/// Half-ranges of a range, in the order of the paper.
+/// The numbers of a range, in the order of the paper.
 fn numbers(range: &RangeConfig) -> [f64; 7] {
     [range.reference_mm, range.x_mm, range.y_mm, range.z_mm, range.phi_deg, range.theta_deg, range.psi_deg]
 }

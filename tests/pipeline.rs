@@ -1,4 +1,4 @@
-//! From datasets to Table 1 and the report, through the command line.
+//! The whole pipeline on the command line: from datasets to Table 1 and the report.
 
 use crate::support::{Folder, Run, repository};
 use serde_json::Value;
@@ -10,7 +10,7 @@ fn reproduce(folder: &Folder, further: &str) -> Run {
         .ok()
 }
 
-/// Tables without the times.
+/// Evaluation results without timings.
 fn measured(results: &Value) -> Vec<(String, Value)> {
     let systems = results["evaluation"].as_array().unwrap();
     let untimed = |system: &Value| {
@@ -25,7 +25,7 @@ fn measured(results: &Value) -> Vec<(String, Value)> {
     systems.iter().flat_map(untimed).collect()
 }
 
-/// A network in the run's registry has one evaluation: Table 1's figures of this system, without times.
+/// Asserts that the network has exactly one evaluation in the run's registry: the figures of this system, without timings.
 #[track_caller]
 fn figures_are_in_the_registry(folder: &Folder, results: &Value, version: &str, system: usize) {
     let shown = folder.run(&format!("model show {version} --registry run/registry --json")).ok();
@@ -44,7 +44,7 @@ fn figures_are_in_the_registry(folder: &Folder, results: &Value, version: &str, 
     assert_eq!(attachments.len(), 1, "{version}");
     let configuration = &attachments[0]["evaluation"]["configuration"];
     assert_eq!(configuration["sessions"], 4);
-    // Both networks, by the digests of their weights.
+    // Both networks are named by the digests of their weights.
     let weights = |model: &str| {
         let shown = folder.run(&format!("model show {model} --registry run/registry --json")).ok().json();
         let layers = shown["manifest"]["layers"].as_array().unwrap().clone();
@@ -58,7 +58,7 @@ fn figures_are_in_the_registry(folder: &Folder, results: &Value, version: &str, 
 }
 
 #[test]
-fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
+fn reproduce_is_deterministic_and_reuses_finished_stages() {
     let folder = Folder::new();
     let first = reproduce(&folder, "");
     let results = first.json();
@@ -90,7 +90,7 @@ fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
     }
     assert!(
         !page.contains("src=\"http") && !page.contains("href=\"http"),
-        "the page needs nothing from elsewhere"
+        "the page refers to nothing on the web"
     );
 
     figures_are_in_the_registry(&folder, &results, "approach@1", 0);
@@ -107,11 +107,11 @@ fn reproduce_runs_all_stages_twice_alike_and_uses_finished_ones_again() {
     assert_eq!(measured(&anew.json()), measured(&results), "the same seed gives the same table");
 
     let changed = reproduce(&folder, "--set training.plain.phases.0.learning_rate=5e-4");
-    let told = changed.stderr();
+    let reported = changed.stderr();
     assert!(
-        told.contains("training approach: finished before")
-            && !told.contains("training plain: finished before"),
-        "{told}"
+        reported.contains("training approach: finished before")
+            && !reported.contains("training plain: finished before"),
+        "{reported}"
     );
     figures_are_in_the_registry(&folder, &changed.json(), "plain@2", 1);
     figures_are_in_the_registry(&folder, &results, "avoid@1", 0);
@@ -139,19 +139,19 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     let by_name = folder.run(&format!("{eval} --approach approach@1 --out e1 --json")).ok().json();
     let by_path = folder.run(&format!("{eval} --approach run/best --out e2 --json")).ok().json();
     assert_eq!(by_name["position_norm_mm"], by_path["position_norm_mm"]);
-    // What the sessions say is published with it; those of another network are refused.
+    // The evaluation is published with the network. An evaluation of another network is refused.
     folder.run("model publish run/best measured --evaluation e2").ok();
     let metrics = &folder.run("model show measured --json").ok().json()["manifest"]["metrics"];
     assert_eq!(metrics["table1_position_norm_mm"], by_path["position_norm_mm"]);
     assert!(metrics["validation_position_error_mm"].as_f64().unwrap() > 0.0);
-    // What was published before they were run has them attached, once.
+    // A network that was published before its evaluation gets it as an attachment, once.
     for (name, expected) in [
         ("measured", "measured@1 has these metrics already"),
         ("approach", "approach@1: evaluation attached"),
         ("approach", "approach@1 has these metrics already"),
     ] {
-        let told = folder.run(&format!("model publish run/best {name} --evaluation e2")).ok().stdout();
-        assert!(told.contains(expected), "{told}");
+        let reported = folder.run(&format!("model publish run/best {name} --evaluation e2")).ok().stdout();
+        assert!(reported.contains(expected), "{reported}");
     }
     let again = folder.run("model attach approach@1 --evaluation e2 --json").ok();
     assert_eq!(again.json()["changed"], false, "{}", again.stdout());
@@ -162,7 +162,7 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     let same = |metric: &Value| metric["difference"] == 0.0;
     assert!(compared["metrics"].as_array().unwrap().iter().all(same), "{compared}");
     assert!(folder.path("e1/table1.md").exists() && folder.path("e1/config.toml").exists());
-    // The paper's own label and network, the baseline and FlowNetC go the same way.
+    // The same for the paper's label and network, the baseline and FlowNetC.
     for (run, network) in [
         ("paper", "--set network.label=difference --set network.symmetry=none"),
         ("definet", "--set network.trunk=definet --set network.symmetry=none"),

@@ -1,15 +1,24 @@
 //! A temporary folder, and the program run in it.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+#[cfg(unix)]
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+#[cfg(unix)]
+use std::time::{Duration, Instant};
 
-/// A safetensors file with this text as its one tensor.
+/// How long a test waits for the program to reach a state before it fails.
+#[cfg(unix)]
+const PATIENCE: Duration = Duration::from_mins(5);
+
+/// A safetensors file with this text as its only tensor.
 pub(crate) fn safetensors(text: &str) -> String {
     let size = text.len();
     let header = format!(r#"{{"w":{{"dtype":"U8","shape":[{size}],"data_offsets":[0,{size}]}}}}"#);
     let length = (header.len() as u64).to_le_bytes().map(char::from);
-    // A header as short as this has a length of one ASCII character.
+    // The length of such a short header is one ASCII character.
     length.into_iter().collect::<String>() + &header + text
 }
 
@@ -32,7 +41,7 @@ impl Folder {
         path
     }
 
-    /// All files below a folder in it, with their content, by their path there.
+    /// Contents of all files in a subfolder, by their path in it.
     pub(crate) fn files(&self, name: &str) -> BTreeMap<String, Vec<u8>> {
         let (root, mut found) = (self.path(name), BTreeMap::new());
         let mut folders = vec![root.clone()];
@@ -50,92 +59,142 @@ impl Folder {
         found
     }
 
-    /// Runs `flowservo` with these arguments, separated by spaces.
-    pub(crate) fn run(&self, arguments: &str) -> Run {
-        let output = Command::new(env!("CARGO_BIN_EXE_flowservo"))
-            .args(arguments.split_whitespace())
-            .current_dir(self.0.path())
-            .output()
-            .unwrap();
-        Run { arguments: arguments.to_owned(), output }
+    /// `flowservo` with these arguments, separated by spaces.
+    fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_flowservo"));
+        command.args(arguments.split_whitespace()).current_dir(self.0.path());
+        command
     }
 
-    /// Runs it with standard output, and where asked standard error, as a pipe that no one reads.
+    /// Runs `flowservo` with these arguments, separated by spaces.
+    pub(crate) fn run(&self, arguments: &str) -> Run {
+        Run { arguments: arguments.to_owned(), output: self.command(arguments).output().unwrap() }
+    }
+
+    /// Runs the program with standard output, and optionally standard error, connected to a pipe without a reader.
     pub(crate) fn run_unread(&self, arguments: &str, also_errors: bool) -> Run {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
         let errors = if also_errors { writer.try_clone().unwrap().into() } else { Stdio::piped() };
-        let mut program = Command::new(env!("CARGO_BIN_EXE_flowservo"));
-        program.args(arguments.split_whitespace()).current_dir(self.0.path());
-        let output = program.stdout(writer).stderr(errors).output().unwrap();
+        let output = self.command(arguments).stdout(writer).stderr(errors).output().unwrap();
         Run { arguments: arguments.to_owned(), output }
     }
 
-    /// Runs it with these Vulkan drivers alone, named by the files that announce them, and without OpenGL.
+    /// Runs the program with only these Vulkan drivers, given by their manifest files, and without OpenGL.
     #[cfg(feature = "wgpu-software")]
     pub(crate) fn run_with_driver(&self, driver: &str, arguments: &str) -> Run {
-        let mut program = Command::new(env!("CARGO_BIN_EXE_flowservo"));
-        program.args(arguments.split_whitespace()).current_dir(self.0.path());
+        let mut program = self.command(arguments);
         program.env("VK_DRIVER_FILES", driver).env("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent.json");
-        // A layer of Mesa's that asks the windowing system, and says so if there is none.
+        // Disables a Mesa layer that prints a warning when there is no windowing system.
         let output = program.env("NODEVICE_SELECT", "1").output().unwrap();
         Run { arguments: arguments.to_owned(), output }
     }
 
-    /// Runs it with every file that it writes limited to this many blocks of 512 or 1024 bytes: past that a write fails, as
-    /// on a full disk.
+    /// Runs the program with a limit on the size of each file, in 512-byte blocks. A write beyond the limit fails, as on a
+    /// full disk.
     #[cfg(unix)]
     pub(crate) fn run_with_little_space(&self, blocks: u32, arguments: &str) -> Run {
-        let program = env!("CARGO_BIN_EXE_flowservo");
-        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec {program} {arguments}");
-        let output = Command::new("sh").arg("-c").arg(script).current_dir(self.0.path()).output().unwrap();
-        Run { arguments: arguments.to_owned(), output }
+        self.run_limited("trap '' XFSZ", blocks, arguments)
     }
 
-    /// Runs it and kills it (SIGKILL: it cannot tidy up) as soon as `now` holds. Says whether it lived that long.
+    /// Runs the program and has the system kill it, without a chance to clean up, when it writes beyond this size of a file,
+    /// in 512-byte blocks. Returns false if it finishes without such a write.
+    #[cfg(unix)]
+    pub(crate) fn run_and_kill_at_size(&self, blocks: u32, arguments: &str) -> bool {
+        self.run_limited("ulimit -c 0", blocks, arguments).output.status.code().is_none()
+    }
+
+    #[cfg(unix)]
+    fn run_limited(&self, setup: &str, blocks: u32, arguments: &str) -> Run {
+        let program = env!("CARGO_BIN_EXE_flowservo");
+        // Where `sh` is Bash, POSIX mode makes the unit of `ulimit -f` 512 bytes instead of 1024.
+        let script = format!("{setup}; ulimit -f {blocks}; exec {program} {arguments}");
+        let mut shell = Command::new("sh");
+        shell.env("POSIXLY_CORRECT", "1").arg("-c").arg(script).current_dir(self.0.path());
+        Run { arguments: arguments.to_owned(), output: shell.output().unwrap() }
+    }
+
+    /// Runs the program and kills it (SIGKILL, without a chance to clean up) as soon as `now` holds. Returns false if it
+    /// finishes before.
     #[cfg(unix)]
     pub(crate) fn run_and_kill(&self, arguments: &str, mut now: impl FnMut() -> bool) -> bool {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_flowservo"))
-            .args(arguments.split_whitespace())
-            .current_dir(self.0.path())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
+        let mut child = self.command(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let begun = Instant::now();
         while child.try_wait().unwrap().is_none() {
             if now() {
                 child.kill().unwrap();
                 return child.wait().unwrap().code().is_none();
             }
-            std::thread::sleep(std::time::Duration::from_micros(100));
+            if begun.elapsed() > PATIENCE {
+                child.kill().unwrap();
+                panic!("flowservo {arguments} neither finished nor reached the moment to kill it");
+            }
+            std::thread::sleep(Duration::from_micros(100));
         }
         false
     }
 
-    /// Runs it and presses Ctrl-C as soon as `begun` exists.
+    /// Runs the program, presses Ctrl-C as soon as `now` holds, and calls `release` once the program has acknowledged it.
     #[cfg(unix)]
-    pub(crate) fn run_until(&self, begun: &str, arguments: &str) -> Run {
-        let child = Command::new(env!("CARGO_BIN_EXE_flowservo"))
-            .args(arguments.split_whitespace())
-            .current_dir(self.0.path())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let begun = self.path(begun);
-        for _ in 0..3000 {
-            if begun.exists() {
+    pub(crate) fn run_and_interrupt(
+        &self,
+        arguments: &str,
+        mut now: impl FnMut() -> bool,
+        release: impl FnOnce(),
+    ) -> Run {
+        let mut command = self.command(arguments);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let begun = Instant::now();
+        let mut stderr = String::new();
+        while child.try_wait().unwrap().is_none() {
+            if now() {
+                let interrupt = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+                assert!(interrupt.unwrap().success());
+                let mut reader = BufReader::new(child.stderr.take().unwrap());
+                while !stderr.contains("Ctrl-C") && reader.read_line(&mut stderr).unwrap() > 0 {}
+                release();
+                reader.read_to_string(&mut stderr).unwrap();
                 break;
             }
-            std::thread::sleep(std::time::Duration::from_millis(10));
+            if begun.elapsed() > PATIENCE {
+                child.kill().unwrap();
+                panic!("flowservo {arguments} neither finished nor reached the moment to interrupt it");
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
-        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-        let output = child.wait_with_output().unwrap();
+        let mut output = child.wait_with_output().unwrap();
+        output.stderr.splice(0..0, stderr.into_bytes());
         Run { arguments: arguments.to_owned(), output }
+    }
+
+    /// Starts a training run and presses Ctrl-C after its first checkpoint. A run that finishes first is deleted and
+    /// started again.
+    #[cfg(unix)]
+    pub(crate) fn interrupt_training(&self, out: &str, arguments: &str) -> Run {
+        let last = self.path(out).join("last");
+        for _ in 0..10 {
+            let run = self.run_and_interrupt(arguments, || last.exists(), || ());
+            if !run.succeeded() {
+                return run;
+            }
+            std::fs::remove_dir_all(self.path(out)).unwrap();
+        }
+        panic!("flowservo {arguments} finished ten times before it could be interrupted");
+    }
+
+    /// Locks the partial file of a file that the program writes under a lock, so that the program waits before it writes
+    /// it, for as long as the result lives.
+    pub(crate) fn hold(&self, name: &str) -> File {
+        let path = self.path(name);
+        let partial = path.with_file_name(format!(".{}.partial", path.file_name().unwrap().display()));
+        std::fs::create_dir_all(partial.parent().unwrap()).unwrap();
+        let file = File::create(partial).unwrap();
+        file.lock().unwrap();
+        file
     }
 }
 
-/// What a run of the program left behind.
+/// Exit status and output of a finished run.
 pub(crate) struct Run {
     arguments: String,
     output: Output,
@@ -154,14 +213,14 @@ impl Run {
         self.output.status.success()
     }
 
-    /// The run succeeded.
+    /// Asserts success.
     #[track_caller]
     pub(crate) fn ok(self) -> Self {
         assert!(self.output.status.success(), "flowservo {}\n{}", self.arguments, self.stderr());
         self
     }
 
-    /// The run ended with this exit code, no panic, and an error that says all of `words`.
+    /// Asserts this exit code, no panic, and an error message that contains all of `words`.
     #[track_caller]
     pub(crate) fn fails(&self, code: i32, words: &[&str]) {
         let stderr = self.stderr();

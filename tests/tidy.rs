@@ -1,19 +1,20 @@
-//! The house rules of CONTRIBUTING.md that a machine can check.
+//! The house rules in CONTRIBUTING.md that a machine can check.
 
 use crate::support::repository;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// A source file and its text.
+/// A file of the repository.
 struct Source {
-    path: PathBuf,
+    /// Path below the repository, with `/`.
+    name: String,
     text: String,
 }
 
 impl Source {
-    /// Path below the repository, with `/`.
-    fn name(&self) -> String {
-        self.path.strip_prefix(repository()).unwrap().display().to_string()
+    fn read(path: &Path) -> Self {
+        let name = path.strip_prefix(repository()).unwrap().display().to_string();
+        Self { name, text: fs::read_to_string(path).unwrap() }
     }
 
     /// The text before the unit tests.
@@ -22,23 +23,26 @@ impl Source {
     }
 }
 
-fn collect(folder: &Path, found: &mut Vec<Source>) {
+/// Files below a folder with one of these extensions, in the order of their names.
+fn collect(folder: &Path, extensions: &[&str], found: &mut Vec<Source>) {
     let Ok(entries) = fs::read_dir(folder) else { return };
-    for entry in entries {
-        let path = entry.unwrap().path();
+    let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    for path in paths {
         if path.is_dir() {
-            collect(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(Source { text: fs::read_to_string(&path).unwrap(), path });
+            collect(&path, extensions, found);
+        } else if path.extension().is_some_and(|found| extensions.iter().any(|extension| found == *extension))
+        {
+            found.push(Source::read(&path));
         }
     }
 }
 
-/// The sources of the binary and the library crates, without tests and benches.
+/// Sources of the binary and the library crates, without tests and benches.
 fn sources() -> Vec<Source> {
     let mut found = Vec::new();
     for folder in ["src", "world/src", "datagen/src", "train/src", "eval/src", "report/src", "registry/src"] {
-        collect(&repository().join(folder), &mut found);
+        collect(&repository().join(folder), &["rs"], &mut found);
     }
     assert!(found.len() > 40, "only {} source files were found", found.len());
     found
@@ -52,10 +56,10 @@ fn none(what: &str, offenders: &[String]) {
 /// Names of source files with a line of code for which `offends` holds.
 fn lines(allowed: impl Fn(&str) -> bool, offends: impl Fn(&str) -> bool) -> Vec<String> {
     let mut offenders = Vec::new();
-    for source in sources().iter().filter(|source| !allowed(&source.name())) {
+    for source in sources().iter().filter(|source| !allowed(&source.name)) {
         for (number, line) in source.code().lines().enumerate() {
             if offends(line) {
-                offenders.push(format!("{}:{}: {}", source.name(), number + 1, line.trim()));
+                offenders.push(format!("{}:{}: {}", source.name, number + 1, line.trim()));
             }
         }
     }
@@ -64,11 +68,9 @@ fn lines(allowed: impl Fn(&str) -> bool, offends: impl Fn(&str) -> bool) -> Vec<
 
 #[test]
 fn no_source_file_is_longer_than_400_lines() {
-    let long = sources()
-        .iter()
-        .filter(|source| source.code().lines().count() > 400)
-        .map(Source::name)
-        .collect::<Vec<_>>();
+    let mut long = sources();
+    long.retain(|source| source.code().lines().count() > 400);
+    let long: Vec<_> = long.into_iter().map(|source| source.name).collect();
     none("longer than 400 lines without tests", &long);
 }
 
@@ -77,12 +79,13 @@ fn no_drawers() {
     let drawers =
         ["util", "utils", "helper", "helpers", "common", "misc", "base", "types", "manager", "core"];
     let is_drawer = |name: &str| name.trim_end_matches(".rs").split('/').any(|part| drawers.contains(&part));
-    let named: Vec<_> = sources().iter().map(Source::name).filter(|name| is_drawer(name)).collect();
-    none("say what is inside instead", &named);
+    let named: Vec<_> =
+        sources().into_iter().map(|source| source.name).filter(|name| is_drawer(name)).collect();
+    none("a name that says what is inside is missing", &named);
 }
 
 #[test]
-fn millimetres_and_degrees_stay_at_the_edges() {
+fn millimeters_and_degrees_stay_at_the_edges() {
     let edges = [
         "config",
         "commands/train",
@@ -108,7 +111,7 @@ fn millimetres_and_degrees_stay_at_the_edges() {
     ];
     let at_the_edge = |name: &str| edges.iter().any(|edge| name.contains(edge));
     let offends = |line: &str| {
-        // What stands in quotes is said to people, and a line that reads a configuration is an edge.
+        // Text in quotes is for people, and a line that reads a configuration is an edge.
         let code: String = line.split("//").next().unwrap().split('"').step_by(2).collect();
         let reads = code.contains("config.");
         !reads
@@ -116,7 +119,7 @@ fn millimetres_and_degrees_stay_at_the_edges() {
                 .split(|c: char| !c.is_ascii_alphanumeric() && c != '_')
                 .any(|word| (word.ends_with("_mm") || word.ends_with("_deg")) && !word.starts_with("to_"))
     };
-    none("SI units inside", &lines(at_the_edge, offends));
+    none("SI units are used inside", &lines(at_the_edge, offends));
 }
 
 #[test]
@@ -124,7 +127,7 @@ fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
     let tests = fs::read_to_string(repository().join("tests/paper.rs")).unwrap();
     for number in 1..=8 {
         let citation = format!("Eq. ({number})");
-        // A comment that begins with the equation's number is the equation's place; others may refer to it.
+        // The comment that begins with the number marks the implementation. Others may refer to it.
         let begins = |line: &str| {
             let comment = line.trim().trim_start_matches('/').trim_start();
             line.trim().starts_with("//")
@@ -135,7 +138,7 @@ fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
         assert_eq!(
             places.len(),
             1,
-            "{citation} has to begin one comment, at the code that is it; found {places:?}"
+            "{citation} must begin exactly one comment, at its implementation; found {places:?}"
         );
         assert!(tests.contains(&citation), "tests/paper.rs has no test of {citation}");
     }
@@ -145,13 +148,11 @@ fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
 fn one_file_names_a_backend_and_one_names_parry() {
     let backend =
         |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
-    let files = ["src/device.rs", "train/src/network/cpu.rs"];
-    none(
-        "backends are named in src/device.rs, and the CPU where its convolution is",
-        &lines(|name| files.contains(&name), backend),
-    );
+    let may = |name: &str| ["src/device.rs", "train/src/network/cpu.rs"].contains(&name);
+    none("src/device.rs names backends, and train the CPU for its own kernels", &lines(may, backend));
     let parry = |line: &str| line.contains("parry3d") || line.contains("glam");
-    none("parry is named in world/src/geometry.rs", &lines(|name| name == "world/src/geometry.rs", parry));
+    let may = |name: &str| name.starts_with("world/") && name.ends_with("geometry.rs");
+    none("only geometry.rs of world names parry", &lines(may, parry));
 }
 
 #[test]
@@ -176,10 +177,10 @@ fn dependencies_point_one_way() {
 #[test]
 fn nothing_is_left_for_later() {
     let marks = ["todo!", "unimplemented!", "allow(dead_code)", "#[ignore", "TODO", "FIXME"];
-    none("finish it or leave it out", &lines(|_| false, |line| marks.iter().any(|mark| line.contains(mark))));
+    none("unfinished", &lines(|_| false, |line| marks.iter().any(|mark| line.contains(mark))));
 }
 
-/// The standard library leaves these to the system's, whose last bits differ from machine to machine; `libm` does not.
+/// In the standard library the last bits of these functions depend on the machine. In `libm` they do not.
 #[test]
 fn what_decides_a_byte_of_a_dataset_is_portable() {
     let functions = [
@@ -188,7 +189,7 @@ fn what_decides_a_byte_of_a_dataset_is_portable() {
     ];
     let decides = |name: &str| name.starts_with("world/") || name.starts_with("datagen/");
     let calls = |line: &str| functions.iter().any(|name| line.contains(&format!(".{name}(")));
-    none("take it from `libm`", &lines(|name| !decides(name), calls));
+    none("use `libm`", &lines(|name| !decides(name), calls));
 }
 
 #[test]

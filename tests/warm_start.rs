@@ -1,10 +1,10 @@
-//! `flowservo train --from MODEL`: from a published model to the next version of it.
+//! `flowservo train --from MODEL`: from a published model to its next version.
 
 use crate::support::{Folder, repository};
 use serde_json::Value;
 use std::fs;
 
-/// A folder with a dataset `a`, a run `first` on it, and that run's model as approach@1 and approach:champion.
+/// A folder with a dataset `a` and a run `first` on it, published as approach@1 and approach:champion.
 fn published() -> Folder {
     let folder = Folder::new();
     let dataset = repository().join("configs/datasets/a.toml");
@@ -32,7 +32,7 @@ fn lineage(folder: &Folder, model: &str) -> (Value, Value) {
 }
 
 #[test]
-fn a_folder_that_is_no_checkpoint_does_not_hide_a_model() {
+fn a_folder_without_a_checkpoint_does_not_hide_a_model() {
     let folder = published();
     folder.write("approach/notes.md", "our plans");
     let began = folder.run(&train("--from approach --out second")).ok();
@@ -41,7 +41,7 @@ fn a_folder_that_is_no_checkpoint_does_not_hide_a_model() {
 }
 
 #[test]
-fn the_next_version_names_the_one_that_it_began_from() {
+fn the_next_version_names_its_parent() {
     let folder = published();
     let second = folder.run(&train("--from approach:champion --out second")).ok();
     assert!(second.stderr().contains("starts from approach@1"), "{}", second.stderr());
@@ -50,7 +50,7 @@ fn the_next_version_names_the_one_that_it_began_from() {
     assert_eq!((&first["parent"], &second["parent"]), (&Value::Null, &digest));
     let shown = folder.run("model show approach@2").ok().stdout();
     assert!(shown.contains(&format!("begun from {}", digest.as_str().unwrap())), "{shown}");
-    // What trained them is told by what they are themselves, not by who publishes.
+    // The software is that of the training run, not that of the publisher.
     for lineage in [first, second] {
         assert_eq!(lineage["device"], "CPU");
         for software in ["flowservo", "burn", "rustc"] {
@@ -59,14 +59,14 @@ fn the_next_version_names_the_one_that_it_began_from() {
         }
     }
 
-    // The run's own configuration is the whole experiment, wherever the alias is by now.
+    // The configuration in the run reproduces it, even after the alias has moved.
     folder.run("model alias approach champion 2").ok();
     folder.run("train second/config.toml --device cpu --out again").ok();
     for file in ["config.toml", "best/weights.safetensors", "best/model.json"] {
         let [once, again] = ["second", "again"].map(|run| fs::read(folder.path(run).join(file)).unwrap());
         assert!(once == again, "{file}");
     }
-    // What was begun goes on without the registry, but not as something else.
+    // A run resumes without the registry, but not from another parent.
     fs::remove_dir_all(folder.path("models")).unwrap();
     folder.run(&train("--from approach:champion --out second --resume")).ok();
     folder.run(&train("--from approach@1 --out second --resume")).ok();
@@ -74,19 +74,19 @@ fn the_next_version_names_the_one_that_it_began_from() {
     let exact = format!("parent = \"approach@{}\"", digest.as_str().unwrap());
     folder.run(&train("--from approach@2 --out second --resume")).fails(1, &[&exact, "approach@2"]);
     folder.run(&train("--out second --resume")).fails(1, &[&exact, "absent"]);
-    // A folder is a model as well; it has no version to be named.
+    // A checkpoint folder has no version that could be named.
     folder.run(&train("--from first/best --out third")).ok();
     folder.run("model publish third/best approach").ok();
     assert_eq!(lineage(&folder, "approach@1").0["parent"], Value::Null);
-    let told = fs::read_to_string(folder.path("third/best/model.json")).unwrap();
-    let told: Value = serde_json::from_str(&told).unwrap();
+    let reported = fs::read_to_string(folder.path("third/best/model.json")).unwrap();
+    let reported: Value = serde_json::from_str(&reported).unwrap();
     let first = fs::read_to_string(folder.path("first/best/model.json")).unwrap();
     let first: Value = serde_json::from_str(&first).unwrap();
-    assert_eq!(told["parent"], serde_json::json!({ "weights_sha256": first["weights_sha256"] }));
+    assert_eq!(reported["parent"], serde_json::json!({ "weights_sha256": first["weights_sha256"] }));
 }
 
 #[test]
-fn what_no_run_can_begin_from_is_refused_before_anything_is_written() {
+fn unusable_parents_are_refused_before_anything_is_written() {
     let folder = published();
     let begin = |from: &str| folder.run(&train(&format!("--out run --from {from}")));
     for unknown in ["approach@7", "approach:challenger", "nowhere", "no/where"] {
@@ -101,7 +101,7 @@ fn what_no_run_can_begin_from_is_refused_before_anything_is_written() {
         .run("train both.toml --from approach --out run")
         .fails(2, &["both.toml", "pretrained", "`parent`"]);
 
-    // In the registry, in what was pulled from it, and in a folder.
+    // Damage in the registry, in a pulled copy, and in a folder.
     let damage = |file: &str| {
         let path = folder.path(file);
         let mut bytes = fs::read(&path).unwrap();

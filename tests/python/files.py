@@ -1,4 +1,4 @@
-"""Names, Parquet, card and PNG."""
+"""Checks of file names, Parquet, card and PNG."""
 
 import base64
 import io
@@ -48,7 +48,7 @@ def every_row_has_the_published_columns(folder):
     same("index", folder.table["index"].to_pylist(), list(range(folder.config["count"])))
     same("seed", set(folder.table["seed"].to_pylist()), {folder.config["seed"]})
     motions = range(len(folder.config["motions"]))
-    same("motions that are none", set(folder.table["motion"].to_pylist()) - set(motions), set())
+    same("unknown motions", set(folder.table["motion"].to_pylist()) - set(motions), set())
 
 
 def every_field_is_nullable_and_nothing_is_null(folder):
@@ -134,14 +134,14 @@ def chunks_of(png):
         (length,) = struct.unpack_from(">I", png, start)
         body = png[start + 4 : start + 8 + length]
         (crc,) = struct.unpack_from(">I", png, start + 8 + length)
-        same("check sum of a chunk", crc, zlib.crc32(body))
+        same("checksum of a chunk", crc, zlib.crc32(body))
         chunks.append((body[:4], body[4:]))
         start += 12 + length
     return chunks
 
 
 def unfiltered(lines, width, height):
-    """Pixels of 8-bit RGB image lines; their filters are those of the PNG specification, section 9."""
+    """Pixels of 8-bit RGB scan lines, without the filters of the PNG specification, section 9."""
     lines = np.frombuffer(lines, np.uint8).reshape(height, 1 + 3 * width)
     image = np.zeros((height + 1, width + 1, 3), int)
     for y, (method, line) in enumerate(zip(lines[:, 0], lines[:, 1:].reshape(height, width, 3)), 1):
@@ -163,7 +163,7 @@ def images_are_plain_png_that_pillow_and_zlib_decode_alike(folder):
             what = f"{name} of row {number}"
             chunks = chunks_of(row[name]["bytes"])
             kinds = [kind for kind, _ in chunks]
-            # No gamma, no color profile, no time: nothing that a decoder may treat in its own way.
+            # No gamma, color profile or time, which decoders treat differently.
             same(f"kinds of chunks of {what}", [*dict.fromkeys(kinds)], [b"IHDR", b"IDAT", b"IEND"])
             same(f"header of {what}", chunks[0][1], header)
             lines = zlib.decompress(b"".join(body for kind, body in chunks if kind == b"IDAT"))
@@ -172,6 +172,6 @@ def images_are_plain_png_that_pillow_and_zlib_decode_alike(folder):
             same(f"size and mode of {what}", (pillow.size, pillow.mode), (size, "RGB"))
             if number % 100 == 0:
                 same(f"{what}", pixels.tolist(), unfiltered(lines, *size).tolist())
-            holds(f"{what} that is not of one color", np.ptp(pixels) > 0, pixels[0, 0].tolist())
+            holds(f"more than one color in {what}", np.ptp(pixels) > 0, pixels[0, 0].tolist())
         paths = [row[name]["path"] for row in folder.rows]
-        same(f"paths in {name} that occur twice", len(paths) - len(set(paths)), 0)
+        same(f"duplicate paths in {name}", len(paths) - len(set(paths)), 0)

@@ -1,4 +1,4 @@
-"""A dataset folder as pyarrow and a YAML reader see it, and what is expected of it."""
+"""A dataset folder, read with pyarrow and a YAML parser, and the columns it must have."""
 
 import json
 import re
@@ -30,7 +30,7 @@ def holds(what, condition, found):
 IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 POSE = JOINTS = TWIST = pa.list_(pa.field("item", pa.float64()), 6)
 
-# What every row has: type of each column. There may be more columns.
+# Types of the columns that every row has. There may be others.
 IDENTITY = dict(index=pa.uint64(), seed=pa.uint64(), motion=pa.int64())
 SURROUNDINGS = dict(
     target_shape=pa.string(),
@@ -57,7 +57,7 @@ class Folder:
         self.is_approach = self.kind == "approach"
         self.columns = IDENTITY | (APPROACH if self.is_approach else AVOIDANCE) | SURROUNDINGS
         self.image_columns = [name for name, kind in self.columns.items() if kind == IMAGE]
-        # An image and the pose of the hand that it was taken from.
+        # Each image column with the column of the hand pose that it was taken from.
         self.views = [(name, name.replace("image", "pose")) for name in self.image_columns]
 
     @cached_property
@@ -67,7 +67,7 @@ class Folder:
 
     @cached_property
     def splits(self):
-        """Files of each split, by the names of the files."""
+        """Files of each split, according to their names."""
         splits = {}
         for file in self.files:
             name = FILE_NAME.fullmatch(file.name)
@@ -85,6 +85,6 @@ class Folder:
 
     @cached_property
     def card(self):
-        """Front matter of the card."""
+        """The front matter of the card."""
         _, front_matter, _ = (self.path / "README.md").read_text().split("---\n", 2)
         return yaml.safe_load(front_matter)

@@ -1,4 +1,4 @@
-"""The numbers of the rows, computed again by other means than the program's."""
+"""Recomputes the numbers in the rows independently of the program."""
 
 import io
 import json
@@ -39,7 +39,7 @@ def transform(rotation, position):
 
 
 def robot_from_hand(pose):
-    """x y z and the angles about the robot's x, y, z, applied in this order to a hand that looks straight down."""
+    """From x, y, z and the angles about the robot's x, y and z axes, applied in this order to a hand that points down."""
     rotation = turn(2, pose[5]) @ turn(1, pose[4]) @ turn(0, pose[3]) @ np.diag([1, -1, -1])
     return transform(rotation, pose[:3])
 
@@ -55,7 +55,7 @@ def from_json(isometry):
 
 
 def exponential(twist):
-    """The power series of a twist's 4 x 4 matrix, without any closed form."""
+    """Matrix exponential of a twist as a power series, without a closed form."""
     x, y, z = twist[3:]
     generator = np.zeros((4, 4))
     generator[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
@@ -71,7 +71,7 @@ def twists_are_the_logarithm_of_the_motion(folder):
     for number, row in enumerate(folder.rows):
         current, goal = (robot_from_hand(row[name]) for name in ("pose_current", "pose_goal"))
         near(f"exp(twist) of row {number}", exponential(row["twist"]), np.linalg.inv(current) @ goal, 1e-12)
-        holds(f"a turn below pi in row {number}", np.linalg.norm(row["twist"][3:]) < math.pi, row["twist"])
+        holds(f"a rotation below pi in row {number}", np.linalg.norm(row["twist"][3:]) < math.pi, row["twist"])
 
 
 def differences_are_goal_minus_current(folder):
@@ -108,14 +108,14 @@ def the_camera_is_in_the_row(folder):
     focal = half_width / math.tan(math.radians(camera["horizontal_fov_deg"]) / 2)
     for number, row in enumerate(folder.rows):
         near(f"camera of row {number}", row["camera"], [focal, focal, half_width, half_height], 1e-9)
-        # Behind the hand, and looking where it looks.
+        # Behind the hand, with the same viewing direction.
         position, quaternion = row["hand_from_camera"][:3], row["hand_from_camera"][3:]
         near(f"place of the camera in row {number}", position, [0, 0, -camera["behind_hand_mm"] / 1000], 1e-12)
         near(f"view of the camera in row {number}", from_quaternion(*quaternion)[:, 2], [0, 0, 1], 1e-12)
 
 
 def the_cross_is_where_the_numbers_say(folder):
-    """Where pose, camera and scene put the middle of the target's upper side, the image is red."""
+    """The image is red where pose, camera and scene place the center of the target's top face."""
     red = seen = 0
     for row in folder.rows:
         fx, fy, cx, cy = row["camera"]
@@ -129,7 +129,7 @@ def the_cross_is_where_the_numbers_say(folder):
             if 0 <= v < pixels.shape[0] and 0 <= u < pixels.shape[1]:
                 seen += 1
                 red += pixels[v, u, 0] > 2 * max(pixels[v, u, 1:])
-    # Obstacles may stand before it.
+    # Obstacles may hide it.
     holds(f"a red pixel in nearly all of {seen} images", red >= 0.95 * seen > 0, red)
 
 

@@ -17,4 +17,4 @@ assert found == manifest["metrics"] and found, found
 with safe_open(exported / "model.safetensors", "numpy") as ours, safe_open(pulled / "weights.safetensors", "numpy") as theirs:
     assert list(ours.keys()) == list(theirs.keys())
 assert (exported / "config.json").read_bytes() == (pulled / "config.json").read_bytes()
-print("the Hub's library reads the card and its", len(found), "metrics")
+print("the Hugging Face library reads the card and its", len(found), "metrics")

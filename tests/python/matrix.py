@@ -1,7 +1,7 @@
-"""Checks dataset folders from outside: `tests/python/run.sh` makes them and runs this.
+"""Checks dataset folders with other tools. `tests/python/run.sh` generates the folders and runs this file.
 
-Each check is a function of a folder; its name says what holds. `files.py` looks at names, Parquet, card and PNG, `tools.py`
-opens the folder with `datasets`, DuckDB and polars, `geometry.py` computes the numbers again.
+Each check is a function of a folder, named after what it checks. `files.py` checks names, Parquet, card and PNG, `tools.py`
+opens the folder with `datasets`, DuckDB and polars, and `geometry.py` recomputes the numbers.
 """
 
 import sys
@@ -36,7 +36,7 @@ def main():
                 failed += 1
                 print(f"FAILED {folder.kind}: {check.__name__}\n{traceback.format_exc()}")
     seconds = time.monotonic() - start
-    print(f"{run - failed} of {run} checks of datasets from Python hold ({seconds:.0f} s)")
+    print(f"{run - failed} of {run} checks of datasets from Python pass ({seconds:.0f} s)")
     return 1 if failed else 0
 
 

@@ -14,7 +14,7 @@ example = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(example)
 
 
-def said_by(program, model, images):
+def predicted_by(program, model, images):
     command = [program, "model", "predict", str(model), *images, "--json"]
     result = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
     return result.get("pose_change") or result["avoidance_map"]
@@ -22,7 +22,7 @@ def said_by(program, model, images):
 
 def main():
     program, folder, models = sys.argv[1], Path(sys.argv[2]), [Path(model) for model in sys.argv[3:]]
-    # Not what replay found stored, which has the same pixels.
+    # Without the stored images, which have the same pixels.
     pictures = sorted(str(path) for path in folder.iterdir() if "stored" not in path.name)
     assert len(pictures) == 4, pictures
     failed = 0
@@ -32,11 +32,11 @@ def main():
         scale = max(config["output"].get("scale", [1.0]))
         worst = 0.0
         for images in [pictures[:count], pictures[-count:], pictures[1 : 1 + count]]:
-            ours, theirs = said_by(program, model, images), example.predict(model, images).tolist()
+            ours, theirs = predicted_by(program, model, images), example.predict(model, images).tolist()
             assert len(ours) == len(theirs) and any(ours), (ours, theirs)
             worst = max(worst, *(abs(a - b) / scale for a, b in zip(ours, theirs)))
         failed += worst > TOLERANCE
-        print(f"{model.name:<14} {config['network']['trunk']:<12} {worst:9.1e} {'TOO MUCH' if worst > TOLERANCE else ''}")
+        print(f"{model.name:<14} {config['network']['trunk']:<12} {worst:9.1e} {'FAILED' if worst > TOLERANCE else ''}")
     sys.exit(f"{failed} models differ by more than {TOLERANCE:g}" if failed else 0)
 
 

@@ -1,4 +1,4 @@
-"""The folder as `datasets`, DuckDB and polars open it."""
+"""Opens the folder with `datasets`, DuckDB and polars."""
 
 import json
 from itertools import islice
@@ -103,7 +103,7 @@ def datasets_opens_the_files_without_the_card(folder):
 
 
 def duckdb_reads_images_lists_and_groups(folder):
-    # Views with the names that people would type.
+    # A view, so that queries look as people would type them.
     connection = duckdb.connect()
     connection.execute(f"create view rows as select * from '{folder.path}/data/*.parquet'")
     ask = lambda question: connection.execute(question).fetchall()
