@@ -71,7 +71,7 @@ fn resealed(description: &Path, [found, replaced]: [&str; 2]) -> String {
     assert!(told.contains(found), "{found} in\n{told}");
     let seal: serde_json::Value = serde_json::from_str(&told).unwrap();
     let unsealed = told.replace(found, replaced).replace(seal["seal"].as_str().unwrap(), "");
-    let seal = datagen::publish::digest(unsealed.as_bytes());
+    let seal = datagen::digest::digest(unsealed.as_bytes());
     unsealed.replace("\"seal\": \"\"", &format!("\"seal\": \"{seal}\""))
 }
 
@@ -124,7 +124,7 @@ fn info_describes_approaches_in_words_and_numbers() {
     for words in [
         "3 files",
         "range 2b to range 2b",
-        "(asked 50.0 %)",
+        "(configured 50.0 %)",
         "cuboid",
         "obstacles",
         "joint 6",

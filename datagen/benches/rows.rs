@@ -1,8 +1,8 @@
-//! What the rows of the shipped datasets cost, in parts and as a whole: `cargo bench -p datagen`.
+//! Cost of the rows of the shipped datasets, in stages and as a whole: `cargo bench -p datagen`.
 #![allow(clippy::unwrap_used)]
 
-use datagen::range::stream;
-use datagen::{Collector, DatasetConfig, Options, Sampler, generate, png};
+use datagen::scene::stream;
+use datagen::{DatasetConfig, ExampleGenerator, Options, Sampler, generate, png};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use std::cell::Cell;
@@ -16,10 +16,10 @@ fn main() {
 
 const DATASETS: [&str; 4] = ["a", "b", "c", "avoid"];
 
-/// Rows of a dataset that is generated as a whole.
+/// Rows of the benchmark of a whole dataset.
 const ROWS: u64 = 256;
 
-/// A file of `configs/datasets/` with what it extends.
+/// Returns a file of `configs/datasets/` with `extends` resolved.
 fn config(name: &str) -> DatasetConfig {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
     let read =
@@ -31,16 +31,16 @@ fn config(name: &str) -> DatasetConfig {
     DatasetConfig::from_table(table).unwrap()
 }
 
-/// 0, 1, 2, ... from one call to the next: rows differ in cost.
+/// Counts 0, 1, 2, ... from call to call, because rows differ in cost.
 fn counter() -> impl Fn() -> u64 {
     let next = Cell::new(0);
     move || next.replace(next.get() + 1)
 }
 
-/// The first image of Dataset C.
+/// Returns the first image of Dataset C.
 fn image() -> Vec<u8> {
     let config = config("c");
-    Collector::new(&config).unwrap().example(0).unwrap().images.swap_remove(0)
+    ExampleGenerator::new(&config).unwrap().example(0).unwrap().images.swap_remove(0)
 }
 
 #[divan::bench]
@@ -55,7 +55,7 @@ fn png_decode(bencher: Bencher) {
     bencher.counter(ItemsCount::new(1_u32)).bench(|| png::decode(&bytes));
 }
 
-/// Scene and hand poses, drawn until they are acceptable.
+/// Drawing an acceptable scene with hand poses.
 #[divan::bench(args = DATASETS)]
 fn placement(bencher: Bencher, name: &str) {
     let config = config(name);
@@ -67,16 +67,16 @@ fn placement(bencher: Bencher, name: &str) {
     bencher.counter(ItemsCount::new(1_u32)).bench_local(draw);
 }
 
-/// A whole row in one thread.
+/// Generating a whole row on one thread.
 #[divan::bench(args = DATASETS)]
 fn example(bencher: Bencher, name: &str) {
     let config = config(name);
-    let collector = Collector::new(&config).unwrap();
+    let generator = ExampleGenerator::new(&config).unwrap();
     let index = counter();
-    bencher.counter(ItemsCount::new(1_u32)).bench_local(|| collector.example(index()));
+    bencher.counter(ItemsCount::new(1_u32)).bench_local(|| generator.example(index()));
 }
 
-/// A dataset on disk, with all threads.
+/// Generating a dataset on disk with all threads.
 #[divan::bench(args = DATASETS, sample_count = 5)]
 fn dataset(bencher: Bencher, name: &str) {
     let mut config = config(name);

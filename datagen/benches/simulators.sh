@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Our images against PyBullet's and MuJoCo's on this machine, in speed and side by side: datagen/benches/simulators.sh --help
-# Needs Python 3.11 or newer, a release build of flowservo, EGL with a driver that renders on the CPU (Debian: libegl1 and
-# libgl1-mesa-dri), taskset, and, the first time, the Python package index. Everything it installs is in target/simulators.
+# Compares rendering by flowservo with PyBullet and MuJoCo on this machine, in speed and side by side. Options:
+# datagen/benches/simulators.sh --help
+# Requires Python 3.11 or newer, a release build of flowservo, EGL with a CPU driver (Debian: libegl1 and libgl1-mesa-dri),
+# taskset, and, on the first run, the Python package index. It installs into target/simulators only.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/simulators"
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$here/../../../target}" PYTHONDONTWRITEBYTECODE=1

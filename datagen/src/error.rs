@@ -1,98 +1,92 @@
-//! What can go wrong with a dataset.
+//! Errors of this crate.
 
-use crate::fault::{Fault, lines};
-use crate::part::Part;
-use crate::rejection::Rejections;
+use crate::config::{ConfigError, Kind};
+use crate::defect::Defect;
+use crate::scene::Rejections;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// An error of this crate.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value of the configuration that makes no dataset.
-    #[error("{key} = {value}: expected {expected}")]
-    Config {
-        /// The key, with the tables it stands in.
-        key: String,
-        /// What it says.
-        value: String,
-        /// What it may say.
-        expected: &'static str,
-    },
-    /// A configuration with a missing or unknown key, or a value of the wrong type.
-    #[error("dataset configuration: {0}")]
-    ConfigForm(#[from] toml::de::Error),
-    /// The environment of the configuration cannot be built.
+    /// An invalid configuration.
     #[error(transparent)]
-    World(#[from] world::Error),
-    /// Nothing acceptable was drawn within the bound.
-    #[error("no acceptable scene: {0}; widen what rejects most, or raise rejection.tries")]
-    Unplaceable(Rejections),
-    /// An error at one example.
+    Config(#[from] ConfigError),
+    /// No acceptable scene within the allowed number of draws.
+    #[error(transparent)]
+    Unplaceable(#[from] Rejections),
+    /// A failure to generate one example.
     #[error("example {index}: {source}")]
     Example {
-        /// Its index in the dataset.
+        /// Index in the dataset.
         index: u64,
-        /// What went wrong.
+        /// Cause.
         source: Box<Error>,
     },
-    /// An image that cannot be encoded.
-    #[error("cannot encode an image as PNG: {0}")]
+    /// A failure to encode or decode a PNG image.
+    #[error("PNG image: {0}")]
     Png(#[from] image::ImageError),
-    /// Rows that cannot be put into columns.
+    /// A failure to encode rows as Arrow columns.
     #[error("cannot encode rows: {0}")]
     Encode(#[from] arrow_schema::ArrowError),
-    /// A description that cannot be put into JSON.
+    /// A failure to encode JSON.
     #[error("cannot encode as JSON: {0}")]
     Json(#[from] serde_json::Error),
-    /// A file that cannot be read or written.
+    /// A failure to encode TOML.
+    #[error("cannot encode as TOML: {0}")]
+    Toml(#[from] toml::ser::Error),
+    /// A failure to read or write a file.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file.
+        /// File or folder.
         path: PathBuf,
-        /// What the operating system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A file that is not what the dataset says it is.
-    #[error("{}: expected {expected}, found {found}; generate the dataset again, or fetch it again", path.display())]
+    /// A damaged or foreign file.
+    #[error(
+        "{}: expected {expected}, found {found}; generate the dataset again, or download it again",
+        path.display()
+    )]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What should be there.
+        /// Expected content.
         expected: String,
-        /// What is there.
+        /// Actual content.
         found: String,
     },
-    /// A folder that holds no complete dataset.
+    /// A folder without a complete dataset.
     #[error("{}", incomplete(dir, *files))]
     Incomplete {
         /// The folder.
         dir: PathBuf,
-        /// How many files are finished, of how many, if the folder says what it is.
+        /// Number of finished files and of all files, if the folder has the configuration of a dataset.
         files: Option<(u64, u64)>,
     },
-    /// A folder that lacks files of its dataset.
-    #[error("{}", unfinished(dir, *of, missing))]
+    /// A dataset that cannot be finished because files are missing or damaged.
+    #[error("{}", unfinished(dir, *files, missing))]
     Unfinished {
         /// The folder.
         dir: PathBuf,
-        /// Files that it should have.
-        of: u64,
-        /// What it lacks, and the part that makes each.
-        missing: Vec<(Part, Fault)>,
+        /// Number of files of the dataset.
+        files: u64,
+        /// Missing and damaged files, each with its number from 1.
+        missing: Vec<(u64, Defect)>,
     },
-    /// A complete dataset that is not as it was written.
+    /// A complete dataset with defects.
     #[error(
-        "{}: not as it was written:{}\nfetch it again, or run `dataset generate` with the same configuration: it makes \
-         again what is damaged, and only that",
+        "{}: not as it was written:{}\ndownload the dataset again, or run `dataset generate` with the same configuration, which \
+         regenerates only the damaged files",
         dir.display(),
-        lines(faults)
+        lines(defects)
     )]
-    Changed {
+    Defective {
         /// The folder.
         dir: PathBuf,
-        /// What is wrong.
-        faults: Vec<Fault>,
+        /// All defects.
+        defects: Vec<Defect>,
     },
     /// A file that another process is writing.
     #[error(
@@ -103,123 +97,132 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// A part that there is not.
-    #[error("{text}: expected I/N, part I of N with I from 1 to N, as 2/4")]
-    Part {
-        /// What was given.
-        text: String,
-    },
-    /// A folder that already holds something of a dataset of another configuration.
+    /// A folder that belongs to another configuration.
     #[error(
-        "{} is of another configuration (digest {found}, wanted {wanted}); choose another folder, or remove this one",
+        "{} belongs to another configuration (digest {found}, expected {expected}); choose another folder, or remove it",
         path.display()
     )]
     OtherConfig {
-        /// What is of another configuration.
+        /// The file that belongs to another configuration.
         path: PathBuf,
-        /// Digest of the configuration there.
+        /// Digest of its configuration.
         found: String,
-        /// Digest of the configuration asked for.
-        wanted: String,
+        /// Digest of the requested configuration.
+        expected: String,
     },
-    /// An incomplete dataset that another version began: rows may differ between versions.
+    /// An incomplete dataset that another version of flowservo began. Rows can differ between versions.
     #[error(
-        "{} was begun by flowservo {found}, and this is {}; complete it with that version, or choose another folder",
+        "{} was begun by flowservo {found}, but this is {}; complete it with that version, or choose another folder",
         dir.display(),
         env!("CARGO_PKG_VERSION")
     )]
     OtherVersion {
         /// The folder.
         dir: PathBuf,
-        /// The version that began it.
+        /// Version that began the dataset.
         found: String,
     },
-    /// A `config.toml` that is not of a dataset.
+    /// A `config.toml` that is not a dataset configuration.
     #[error(
-        "{} is not that of a dataset: {found}; choose another folder, or remove it",
+        "{} is not a dataset configuration: {found}; choose another folder, or remove the file",
         path.display()
     )]
-    NoRecipe {
+    NotDatasetConfig {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         found: String,
     },
-    /// A configuration that cannot be put into TOML.
-    #[error("cannot encode as TOML: {0}")]
-    Toml(#[from] toml::ser::Error),
-    /// A file among the rows that is none of the dataset's, which data tools would read, too.
+    /// A Parquet file that is not part of the dataset. Data tools would read it as well.
     #[error("{} does not belong to this dataset; remove it, or choose another folder", path.display())]
     Stray {
         /// The file.
         path: PathBuf,
     },
-    /// A dataset of the other kind than the reader needs.
+    /// A dataset of the wrong kind.
     #[error("{} is a dataset of kind {found}; {expected} is needed here", dir.display())]
     Kind {
         /// The folder.
         dir: PathBuf,
-        /// Kind that was asked for.
-        expected: crate::config::Kind,
+        /// Requested kind.
+        expected: Kind,
         /// Kind of the dataset.
-        found: crate::config::Kind,
+        found: Kind,
     },
-    /// Rows that a dataset does not have.
+    /// A range of rows that exceeds the dataset.
     #[error("{}: rows {start} to {end} asked for, but the dataset has {rows}", dir.display())]
     OutOfRange {
         /// The folder.
         dir: PathBuf,
-        /// First row asked for.
+        /// First requested row.
         start: u64,
-        /// End of the rows asked for, exclusive.
+        /// End of the requested rows, exclusive.
         end: u64,
-        /// Rows there are.
+        /// Number of rows in the dataset.
         rows: u64,
     },
-    /// The caller asked to stop; what was finished stays.
+    /// Generation stopped at the request of the caller. Finished files are kept.
     #[error(
         "stopped after {rows_done} of {rows_total} rows, with {files_done} of {files_total} files finished; the same \
-         command continues after these"
+         command continues from there"
     )]
     Interrupted {
-        /// Rows made so far, those of an unfinished file included.
+        /// Rows generated so far, including those of an unfinished file.
         rows_done: u64,
-        /// Rows asked for.
+        /// Rows requested.
         rows_total: u64,
         /// Finished files.
         files_done: u64,
-        /// Files asked for.
+        /// Files requested.
         files_total: u64,
     },
 }
 
-/// Says how to go on with a dataset that is incomplete.
+impl Error {
+    /// Converts errors of the operating system at a path.
+    pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self + Copy {
+        move |source| Self::Io { path: path.to_owned(), source }
+    }
+
+    /// Creates the error for a damaged or foreign file.
+    pub(crate) fn damaged(path: &Path, expected: impl Into<String>, found: impl Display) -> Self {
+        Self::Damaged { path: path.to_owned(), expected: expected.into(), found: found.to_string() }
+    }
+}
+
+/// Describes how to complete a dataset.
 fn incomplete(dir: &Path, files: Option<(u64, u64)>) -> String {
     let dir = dir.display();
     match files {
         None => format!(
             "{dir} holds no complete dataset: dataset.json, which is written last, is missing; run `flowservo dataset \
-             generate` with its configuration to make it"
+             generate` with the configuration to create it"
         ),
-        Some((finished, of)) if finished == of => format!(
-            "{dir} holds no complete dataset yet: its {of} files are there; run `flowservo dataset finish {dir}`"
+        Some((finished, files)) if finished == files => format!(
+            "{dir} holds no complete dataset yet: all {files} files are there; run `flowservo dataset finish {dir}`"
         ),
-        Some((finished, of)) => format!(
-            "{dir} holds no complete dataset: {finished} of {of} files are finished; run `flowservo dataset generate \
-             {dir}/config.toml --out {dir}` to go on"
+        Some((finished, files)) => format!(
+            "{dir} holds no complete dataset: {finished} of {files} files are finished; run `flowservo dataset generate \
+             {dir}/config.toml --out {dir}` to continue"
         ),
     }
 }
 
-/// Lists what a dataset lacks, and says how to make it.
-fn unfinished(dir: &Path, of: u64, missing: &[(Part, Fault)]) -> String {
+/// Lists missing and damaged files, and describes how to generate them.
+fn unfinished(dir: &Path, files: u64, missing: &[(u64, Defect)]) -> String {
     let dir = dir.display();
-    let lines = lines(missing.iter().map(|(part, fault)| format!("{fault} (--shard {part})")));
+    let lines = lines(missing.iter().map(|(number, defect)| format!("{defect} (--shard {number}/{files})")));
     format!(
-        "{dir}: {} of {of} files are there; these are not:{lines}\n`flowservo dataset generate {dir}/config.toml --out \
-         {dir}` makes them and finishes the dataset; with a --shard it makes this file alone, on any machine",
-        of - missing.len() as u64
+        "{dir}: {} of {files} files are there; these are missing or damaged:{lines}\n`flowservo dataset generate \
+         {dir}/config.toml --out {dir}` generates them and finishes the dataset; with --shard it generates a single file, on \
+         any machine",
+        files - missing.len() as u64
     )
+}
+
+/// Formats items as indented lines.
+fn lines<T: Display>(items: impl IntoIterator<Item = T>) -> String {
+    items.into_iter().fold(String::new(), |text, item| text + &format!("\n  {item}"))
 }
 
 /// Result of this crate.

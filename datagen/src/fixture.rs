@@ -1,14 +1,13 @@
-//! Small datasets for tests: the configurations of this repository with a tiny camera and few rows.
+//! Small datasets for tests: shipped configurations with a tiny camera and few rows.
 
 use crate::config::DatasetConfig;
 use crate::error::Result;
-use crate::generate::{Summary, generate};
-use crate::progress::Options;
+use crate::store::{Options, Summary, generate};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use toml::Table;
 
-/// A configuration as the binary resolves it; `name` is a file in `configs/datasets`.
+/// Returns a file in `configs/datasets` with `extends` resolved.
 pub(crate) fn table(name: &str) -> Table {
     let text = match name {
         "a" => include_str!("../../configs/datasets/a.toml"),
@@ -28,7 +27,7 @@ pub(crate) fn table(name: &str) -> Table {
     table
 }
 
-/// The configuration with a camera of 32 x 24 pixels, `count` rows and three rows a file.
+/// Returns a configuration with a camera of 32 x 24 pixels, `count` rows, and three rows per file.
 pub(crate) fn config(name: &str, count: u64) -> DatasetConfig {
     let mut config = DatasetConfig::from_table(table(name)).unwrap();
     (config.count, config.rows_per_shard) = (count, 3);
@@ -36,7 +35,7 @@ pub(crate) fn config(name: &str, count: u64) -> DatasetConfig {
     config
 }
 
-/// Generates without being watched.
+/// Generates a dataset without reporting progress.
 pub(crate) fn make(config: &DatasetConfig, out: &Path) -> Result<Summary> {
     generate(config, out, &Options { stop: &AtomicBool::new(false) }, &|_| {})
 }

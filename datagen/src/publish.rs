@@ -1,15 +1,13 @@
-//! Files that are either complete or absent: written beside their place, flushed to the disk, then renamed.
+//! Atomic publication: a file is written under a temporary name, flushed to the disk, and renamed. It is complete or absent.
 
 use crate::error::{Error, Result};
-use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 use std::fs::{File, TryLockError};
-use std::io::{Read as _, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use tempfile::TempPath;
 
-/// Writes a file that appears under its name only when it is complete. On an error nothing is left behind. While another
-/// process writes the same file, waits.
+/// Publishes a file atomically: it appears under its name only when it is complete.
+///
+/// Waits while another process writes the same file. On an error, the previous file stays, and no partial file is left.
 pub fn publish<T, E: From<Error>>(
     path: &Path,
     write: impl FnOnce(&mut File) -> Result<T, E>,
@@ -17,7 +15,8 @@ pub fn publish<T, E: From<Error>>(
     Partial::claim(path, |file| file.lock().map_err(TryLockError::Error))?.publish(path, write)
 }
 
-/// As [`publish`], but while another process writes the same file, that is an error: for what takes long to make.
+/// Publishes a file like [`publish`], but fails with [`Error::Busy`] while another process writes the same file. Use it for
+/// files that take long to write.
 pub fn publish_alone<T, E: From<Error>>(
     path: &Path,
     write: impl FnOnce(&mut File) -> Result<T, E>,
@@ -25,24 +24,25 @@ pub fn publish_alone<T, E: From<Error>>(
     Partial::claim(path, File::try_lock)?.publish(path, write)
 }
 
-/// A file that is being written, locked against other processes. Fields are dropped in this order: the name goes before the lock.
+/// A partial file, locked against other processes. Fields are dropped in this order: the file is removed before the lock is
+/// released.
 struct Partial {
     path: TempPath,
     file: File,
 }
 
 impl Partial {
-    /// Opens and locks the partial file that belongs to a path.
+    /// Opens and locks the partial file of a path.
     fn claim(path: &Path, lock: impl Fn(&File) -> Result<(), TryLockError>) -> Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        // A fixed name: what a killed process left is overwritten by the next.
+        // The name is fixed, so that the next process overwrites the file of a killed one.
         let partial = folder_of(path).join(format!(".{name}.partial"));
-        let failed = |source| io(&partial, source);
+        let failed = Error::io(&partial);
         loop {
-            // Not truncated before it is locked: it may be another's.
+            // Truncated only after it is locked: until then, it may belong to another process.
             let file = File::options().write(true).create(true).truncate(false).open(&partial);
             let file = file.map_err(failed)?;
-            // Other errors are those of file systems without locks, where it goes on without.
+            // Any other error means that the file system has no locks. Continue without one.
             if let Err(TryLockError::WouldBlock) = lock(&file) {
                 return Err(Error::Busy { path: path.to_owned() });
             }
@@ -56,21 +56,21 @@ impl Partial {
         }
     }
 
-    /// Writes the file, flushes it and renames it.
+    /// Writes, flushes and renames the file.
     fn publish<T, E: From<Error>>(
         self,
         path: &Path,
         write: impl FnOnce(&mut File) -> Result<T, E>,
     ) -> Result<T, E> {
-        // The lock is held until the file has its name, and without one: `self.path` is dropped before `file`.
+        // `file` holds the lock until the rename, or until `partial` is dropped, which removes the partial file.
         let Self { path: partial, mut file } = self;
         let written = write(&mut file).and_then(|written| {
-            file.sync_all().map_err(|source| io(&partial, source))?;
+            file.sync_all().map_err(Error::io(&partial))?;
             Ok(written)
         });
         match written {
             Ok(written) => {
-                partial.persist(path).map_err(|error| io(path, error.error))?;
+                partial.persist(path).map_err(|error| Error::io(path)(error.error))?;
                 sync_folder(folder_of(path))?;
                 Ok(written)
             }
@@ -82,7 +82,7 @@ impl Partial {
     }
 }
 
-/// Does the path name this file? Who held its lock before has renamed or removed it.
+/// Returns whether the path still names this file. The previous holder of the lock may have renamed or removed it.
 #[cfg(unix)]
 fn is_named(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
@@ -91,7 +91,7 @@ fn is_named(file: &File, path: &Path) -> bool {
     named == locked
 }
 
-/// Elsewhere no file is renamed or removed while another process has it open.
+/// Other systems do not rename or remove a file while another process has it open.
 #[cfg(not(unix))]
 fn is_named(_: &File, _: &Path) -> bool {
     true
@@ -101,87 +101,27 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Makes the names in a folder durable; only Unix lets a folder be opened for that.
+/// Flushes the directory entries of a folder to the disk. Only Unix supports this; elsewhere it does nothing.
 pub fn sync_folder(folder: &Path) -> Result<()> {
     if cfg!(unix) {
-        File::open(folder).and_then(|folder| folder.sync_all()).map_err(|source| io(folder, source))?;
+        File::open(folder).and_then(|folder| folder.sync_all()).map_err(Error::io(folder))?;
     }
     Ok(())
-}
-
-/// Counts and digests what is written through it.
-pub(crate) struct Hashed<W> {
-    inner: W,
-    hasher: Sha256,
-    bytes: u64,
-}
-
-impl<W: Write> Hashed<W> {
-    pub(crate) fn new(inner: W) -> Self {
-        Self { inner, hasher: Sha256::new(), bytes: 0 }
-    }
-
-    /// SHA-256 in hexadecimal, and the number of bytes.
-    pub(crate) fn finish(self) -> (String, u64) {
-        (hexadecimal(&self.hasher.finalize()), self.bytes)
-    }
-}
-
-impl<W: Write> Write for Hashed<W> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let written = self.inner.write(bytes)?;
-        self.hasher.update(&bytes[..written]);
-        self.bytes += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        self.inner.flush()
-    }
-}
-
-/// SHA-256 of a file, in hexadecimal.
-pub fn digest_of_file(path: &Path) -> Result<String> {
-    let mut file = File::open(path).map_err(|source| io(path, source))?;
-    let mut hasher = Sha256::new();
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        match file.read(&mut buffer).map_err(|source| io(path, source))? {
-            0 => return Ok(hexadecimal(&hasher.finalize())),
-            read => hasher.update(&buffer[..read]),
-        }
-    }
-}
-
-/// SHA-256 of bytes, in hexadecimal.
-pub fn digest(bytes: &[u8]) -> String {
-    hexadecimal(&Sha256::digest(bytes))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
-/// An error of the operating system, with its file.
-pub(crate) fn io(path: &Path, source: std::io::Error) -> Error {
-    Error::Io { path: PathBuf::from(path), source }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::fs;
+    use std::io::Write as _;
+    use std::path::PathBuf;
 
     fn put(path: &Path, text: &str) -> Result<()> {
-        publish(path, |file| file.write_all(text.as_bytes()).map_err(|source| io(path, source)))
+        publish(path, |file| file.write_all(text.as_bytes()).map_err(Error::io(path)))
     }
 
     #[test]
-    fn an_error_leaves_what_was_there_and_nothing_beside() {
+    fn an_error_keeps_the_previous_file_and_leaves_no_partial_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         put(&path, "old").unwrap();
@@ -195,28 +135,28 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_process_left_is_overwritten_whole() {
+    fn the_partial_file_of_a_killed_process_is_overwritten() {
         let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join(".file.partial"), "longer than what comes").unwrap();
+        fs::write(folder.path().join(".file.partial"), "longer than the new content").unwrap();
         put(&folder.path().join("file"), "new").unwrap();
         assert_eq!(fs::read_to_string(folder.path().join("file")).unwrap(), "new");
     }
 
     #[test]
-    fn a_second_writer_of_something_long_is_refused_and_one_of_something_short_waits() {
+    fn a_second_writer_that_does_not_wait_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         publish_alone(&path, |file| {
             let second: Result<()> = publish_alone(&path, |_| Ok(()));
             assert!(matches!(&second, Err(Error::Busy { path: busy }) if *busy == path), "{second:?}");
-            file.write_all(b"first").map_err(|source| io(&path, source))
+            file.write_all(b"first").map_err(Error::io(&path))
         })
         .unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "first");
     }
 
     #[test]
-    fn of_many_writers_none_is_torn() {
+    fn concurrent_writers_never_tear_a_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         let texts: Vec<_> = (1..=4).map(|i| i.to_string().repeat(5000 * i)).collect();
@@ -231,16 +171,5 @@ mod tests {
             }
         });
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn the_digest_on_the_way_is_that_of_the_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("file");
-        let mut hashed = Hashed::new(File::create(&path).unwrap());
-        for part in ["one ", "after ", "the other"] {
-            hashed.write_all(part.as_bytes()).unwrap();
-        }
-        assert_eq!(hashed.finish(), (digest_of_file(&path).unwrap(), 19));
     }
 }

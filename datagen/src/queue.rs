@@ -1,24 +1,25 @@
-//! Work that many threads do ahead of the one that takes its results, in order.
+//! An ordered parallel map: threads compute ahead of the caller, which consumes the results in order.
 
 use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 
-/// Results that may wait to be taken, beside those that each thread is at: enough to go on while a file is flushed to the disk.
+/// Finished results that may wait for the caller, enough to keep the threads busy while a file is flushed to the disk.
 const WAITING: usize = 24;
 
-/// Results for each thread that may wait: one that takes long holds up the others only when they are so far ahead.
+/// Further waiting results per thread, so that one slow item does not stall the others immediately.
 const WAITING_PER_THREAD: usize = 4;
 
-/// Makes something of every item, with as many threads as the current rayon pool has, and hands it on in the order of the items.
+/// Maps items with as many threads as the current rayon pool has, and passes the results to `take` in the order of the items.
 ///
-/// The calling thread takes. When it takes no more, the others end after what they are at.
+/// `take` runs on the calling thread. After it returns, the other threads finish their current item and end.
 pub(crate) fn in_order<I: Send, T: Send, R>(
     items: impl Iterator<Item = I> + Send,
     make: impl Fn(I) -> T + Sync,
     take: impl FnOnce(&mut dyn Iterator<Item = T>) -> R,
 ) -> R {
     let threads = rayon::current_num_threads();
-    // What is queued is the promise of a result. Whoever takes an item queues its promise before the next item is taken.
+    // The queue holds promises of results. A thread that takes an item queues its promise before the next item is taken,
+    // so the promises are in the order of the items.
     let (promises, promised) = sync_channel(WAITING + WAITING_PER_THREAD * threads);
     let items = Mutex::new(Some((items, promises)));
     let next = || {
@@ -27,7 +28,7 @@ pub(crate) fn in_order<I: Send, T: Send, R>(
         let (keep, promise) = sync_channel(1);
         match left.next() {
             Some(item) if promises.send(promise).is_ok() => Some((item, keep)),
-            // Without items, or no longer waited for.
+            // There are no more items, or the caller has stopped.
             _ => {
                 *items = None;
                 None
@@ -38,12 +39,12 @@ pub(crate) fn in_order<I: Send, T: Send, R>(
         for _ in 0..threads {
             scope.spawn(|| {
                 while let Some((item, keep)) = next() {
-                    // Fails if it is no longer waited for.
+                    // Fails if the caller has stopped.
                     let _ = keep.send(make(item));
                 }
             });
         }
-        // A promise is broken only by a panic, which the scope passes on.
+        // A promise is broken only by a panic, which the scope propagates.
         take(&mut promised.into_iter().map_while(|promise| promise.recv().ok()))
     })
 }
@@ -59,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn results_come_in_order_whichever_takes_long() {
+    fn results_come_in_order_whatever_their_duration() {
         let slow = |i: u64| {
             std::thread::sleep(Duration::from_micros(if i.is_multiple_of(7) { 2000 } else { 10 }));
             i * i
@@ -72,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn the_threads_stay_within_bounds_and_end_when_nothing_more_is_taken() {
+    fn the_threads_compute_a_bounded_number_ahead_and_end_with_the_caller() {
         let made = AtomicUsize::new(0);
         let count = |_| made.fetch_add(1, Ordering::Relaxed);
         let taken = pool(2).install(|| {
@@ -86,7 +87,7 @@ mod tests {
         let most = 1 + WAITING + 2 * WAITING_PER_THREAD + 2;
         assert!(
             (WAITING..=most).contains(&made.load(Ordering::Relaxed)),
-            "{made:?} were made, at most {most}"
+            "{made:?} computed, expected at most {most}"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! The same bytes on every machine: digests of small datasets, as they were written on x86-64 and on 64-bit Arm.
+//! The bytes of a dataset are the same on every machine: digests of small datasets, obtained on x86-64 and on 64-bit Arm.
 
 #![forbid(unsafe_code)]
 #![allow(clippy::unwrap_used)]
@@ -7,7 +7,7 @@ use datagen::{DatasetConfig, Options, generate};
 use std::sync::atomic::AtomicBool;
 use toml::Table;
 
-/// A shipped configuration with a small camera and twelve rows.
+/// Returns a shipped configuration with a small camera and twelve rows.
 fn config(dataset: &str) -> DatasetConfig {
     let mut table: Table = dataset.parse().unwrap();
     let extended = [
@@ -23,14 +23,14 @@ fn config(dataset: &str) -> DatasetConfig {
     config
 }
 
-/// The first digits of a dataset's digest.
+/// Returns the first digits of the digest of a dataset.
 fn digest(config: &DatasetConfig) -> String {
     let dir = tempfile::tempdir().unwrap();
     let options = Options { stop: &AtomicBool::new(false) };
     generate(config, dir.path(), &options, &|_| {}).unwrap().digest[..16].to_owned()
 }
 
-/// A change here is a change of every dataset: it belongs into CHANGELOG.md.
+/// A changed digest means that every dataset changes: record it in CHANGELOG.md.
 #[test]
 fn datasets_have_the_digests_of_other_machines() {
     let datasets = [

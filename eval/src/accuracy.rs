@@ -6,7 +6,7 @@
 //! show in it.
 
 use crate::trace::SessionRecord;
-use datagen::spread::percentile;
+use datagen::statistics::percentile;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use world::PoseChange;

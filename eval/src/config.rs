@@ -1,8 +1,7 @@
 //! What a file in `configs/eval/` says. It is complete: no key has a default.
 
 use crate::error::{Error, Result};
-use datagen::config::{MotionConfig, RejectionConfig};
-use datagen::object_config::{ObstacleConfig, TargetConfig};
+use datagen::config::{MotionConfig, ObstacleConfig, RejectionConfig, TargetConfig};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use world::units::{deg, mm};

@@ -19,14 +19,17 @@ pub enum Error {
     World(#[from] world::Error),
     /// Part of the configuration is refused by data generation, whose placement sessions use.
     #[error(transparent)]
-    Placement(#[from] datagen::Error),
+    Placement(#[from] datagen::ConfigError),
+    /// A failure to read a dataset or to encode an image.
+    #[error(transparent)]
+    Dataset(#[from] datagen::Error),
     /// The start and goal of a session cannot be drawn.
     #[error("session {index}: {source}")]
     Trial {
         /// Index of the session.
         index: usize,
         /// Why.
-        source: datagen::Error,
+        source: datagen::Rejections,
     },
     /// The obstacles leave no room for the hand at start and goal.
     #[error(

@@ -2,9 +2,9 @@
 
 use crate::config::EvalConfig;
 use crate::error::{Error, Result};
-use datagen::object_config::ObstacleConfig;
-use datagen::placement::Sampler;
-use datagen::range::stream;
+use datagen::Sampler;
+use datagen::config::ObstacleConfig;
+use datagen::scene::stream;
 use image::RgbImage;
 use nalgebra::{Isometry3, Translation3};
 use rand::RngExt;

@@ -1,15 +1,15 @@
-//! `flowservo dataset replay`: makes a row again and compares it with what is stored.
+//! `flowservo dataset replay`: generates a row again and compares it with the stored one.
 
 use super::{print_json, write_file};
 use crate::output::out;
 use anyhow::{Context, Result, bail};
-use datagen::replay::Comparison;
+use datagen::read::Comparison;
 use datagen::{DatasetReader, Replay};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use world::units::to_mm;
 
-/// What is said of a row to scripts.
+/// JSON form of the result.
 #[derive(Serialize)]
 struct Replayed<'a> {
     dataset: &'a str,
@@ -19,9 +19,9 @@ struct Replayed<'a> {
     obstacles: usize,
     identical: bool,
     columns: &'a [Comparison],
-    /// Files that were written.
+    /// Image files written by this command.
     images: Vec<PathBuf>,
-    /// Version of flowservo that wrote the dataset.
+    /// Version of flowservo that generated the dataset.
     written_by: &'a str,
 }
 
@@ -31,7 +31,7 @@ pub(crate) fn run(dataset: &Path, row: u64, out: Option<&Path>, json: bool) -> R
     let replay = datagen::replay(&reader, row);
     let other_version = other_version(&reader.info().version);
     let replay = match &other_version {
-        Some(hint) => replay.with_context(|| format!("row {row} cannot be made again; {hint}"))?,
+        Some(hint) => replay.with_context(|| format!("row {row} cannot be generated again; {hint}"))?,
         None => replay?,
     };
     let images = out.map_or(Ok(Vec::new()), |out| write_images(out, row, &replay))?;
@@ -41,21 +41,20 @@ pub(crate) fn run(dataset: &Path, row: u64, out: Option<&Path>, json: bool) -> R
     if replayed.identical {
         return Ok(());
     }
-    let verify =
-        || format!("compare the files with their digests: flowservo dataset verify {}", dataset.display());
+    let verify = || format!("check the files: flowservo dataset verify {}", dataset.display());
     bail!(
-        "row {row} of {} is not what its configuration makes ({} differ); {}",
+        "row {row} of {} differs from the one generated now ({} differ); {}",
         dataset.display(),
         replay.differing().join(", "),
         other_version.unwrap_or_else(verify)
     )
 }
 
-/// If the dataset was written by another version, that it was.
+/// Returns a hint if another version of flowservo wrote the dataset.
 fn other_version(version: &str) -> Option<String> {
     let this = env!("CARGO_PKG_VERSION");
     (version != this).then(|| {
-        format!("the dataset was written by flowservo {version}, and this is {this}, which may be why")
+        format!("the dataset was written by flowservo {version}, but this is {this}, which may be the cause")
     })
 }
 
@@ -87,7 +86,7 @@ fn show(replayed: &Replayed) {
     out!("motion     {}", replayed.motion);
     out!("target     {}", replayed.target);
     out!("obstacles  {}", replayed.obstacles);
-    out!("columns    {} of {compared} are the same to the bit", compared - differences.len());
+    out!("columns    {} of {compared} are identical", compared - differences.len());
     for (column, difference) in differences {
         out!("  {column:<24}  {difference}");
     }
@@ -96,7 +95,7 @@ fn show(replayed: &Replayed) {
     }
 }
 
-/// Writes both versions of each image beside each other.
+/// Writes the generated and the stored version of each image.
 fn write_images(out: &Path, row: u64, replay: &Replay) -> Result<Vec<PathBuf>> {
     let mut written = Vec::new();
     for pair in &replay.images {

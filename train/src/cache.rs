@@ -299,6 +299,6 @@ pub(crate) mod tests {
             image::Rgb([x * 41 + y * 7, x * y * 13, x * 3 + y * y].map(|value| value as u8))
         });
         let pixels = input::shrink(&image, [10, 8]).unwrap();
-        assert_eq!((FORMAT, &publish::digest(&pixels)[..16]), (1, "ce257097a3da619a"));
+        assert_eq!((FORMAT, &datagen::digest::digest(&pixels)[..16]), (1, "ce257097a3da619a"));
     }
 }

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 use burn_store::{ModuleSnapshot, SafetensorsStore};
-use datagen::publish::digest_of_file;
+use datagen::digest::digest_of_file;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use world::config::CameraConfig;

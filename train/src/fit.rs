@@ -390,7 +390,7 @@ pub(crate) mod tests {
     pub(crate) fn left(directory: &Path) -> [String; 5] {
         let optimizer = "last/optimizer.safetensors";
         ["last/weights.safetensors", optimizer, "last/model.json", "best/model.json", "metrics.jsonl"]
-            .map(|name| datagen::publish::digest(&fs::read(directory.join(name)).unwrap()))
+            .map(|name| datagen::digest::digest(&fs::read(directory.join(name)).unwrap()))
     }
 
     #[test]

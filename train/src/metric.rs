@@ -7,7 +7,7 @@ use crate::net::DIRECTIONS;
 use crate::normalization::Standardization;
 
 /// Which side of this an avoidance value lies on decides whether a direction counts as blocked.
-const BLOCKED: f32 = 0.5;
+const BLOCKED: f32 = datagen::statistics::BLOCKED as f32;
 
 /// What is measured on the validation set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

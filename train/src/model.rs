@@ -265,7 +265,7 @@ mod tests {
         ];
         for lie in lies {
             fs::write(&weights, &lie).unwrap();
-            info["weights_sha256"] = datagen::publish::digest(&lie).into();
+            info["weights_sha256"] = datagen::digest::digest(&lie).into();
             fs::write(&model, info.to_string()).unwrap();
             let refusal = AvoidModel::load(&checkpoint, &Device::flex()).unwrap_err();
             assert!(matches!(refusal, Error::Checkpoint { .. }), "{refusal}");

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use burn::tensor::{Device, Tensor};
 use burn_store::burn_pack;
 use burn_store::{ModuleSnapshot, ModuleStore, SafetensorsStore, bridge};
-use datagen::publish::digest_of_file;
+use datagen::digest::digest_of_file;
 
 use crate::error::{Error, Result};
 use crate::network::Network;
@@ -251,7 +251,7 @@ mod tests {
         let mut network = network(&tiny(Kind::Avoidance));
         let before = weight(&network, "trunk.conv1.weight");
         let found = import(&path, &mut network, &Device::flex()).unwrap();
-        assert_eq!(found.sha256, datagen::publish::digest(&fs::read(&path).unwrap()));
+        assert_eq!(found.sha256, datagen::digest::digest(&fs::read(&path).unwrap()));
         assert_eq!(found.matched.len(), 18);
         assert_eq!(found.unused, ["module.predict_flow6.weight"]);
         let head = ["hidden1", "hidden2", "output"].map(|layer| format!("head.{layer}"));

@@ -1,13 +1,13 @@
-"""PyBullet and MuJoCo, each in a process of its own: `renderers.py NAME FOLDER PART PARTS [MULTISAMPLES]`.
+"""PyBullet and MuJoCo, each in its own process: `renderers.py NAME FOLDER PART PARTS [MULTISAMPLES]`.
 
-Takes a line on its standard input and answers it with one of JSON:
+Answers each line of standard input with a line of JSON:
 
-    measure      renders, encodes and stores its part of the images: seconds of each stage
+    measure      renders, encodes and stores its part of the images; returns the seconds of each stage
     images N     writes the first N images as FOLDER/NAME-0.png, ...
 
-What is generous to them: scenes and poses are read and prepared beforehand; a scene is built once for both of its images;
-MuJoCo's model is compiled once and only its sizes, colors and poses change; no physics, no shadows, no specular light, no
-segmentation. Their anti-aliasing is their default: none, but MuJoCo takes 4 samples a pixel.
+The conditions favor the simulators. Scenes and poses are read and prepared beforehand. A scene is built once for both of
+its images. MuJoCo compiles its model once, and only sizes, colors and poses change. There are no physics, no shadows, no
+specular light and no segmentation. Anti-aliasing is their default: 4 samples per pixel in MuJoCo, none in PyBullet.
 """
 
 import io
@@ -33,12 +33,12 @@ PNG_LEVELS = (1, 6)
 
 
 def opengl_from_robot(view):
-    """OpenGL's camera has y up and looks along -z."""
+    """View matrix of an OpenGL camera, which has y up and looks along -z."""
     return np.diag([1, -1, -1, 1]) @ np.linalg.inv(view.robot_from_camera)
 
 
 def write_cylinder(path, radius, half_height, sides=28):
-    """A mesh with as many sides as MuJoCo's; without the bottom, which is never seen."""
+    """Writes a mesh with as many sides as MuJoCo's cylinder. The bottom is omitted, because it is never visible."""
     turns = [2 * np.pi * side / sides for side in range(sides)]
     rim = [(np.cos(turn), np.sin(turn)) for turn in turns]
     lines = [f"v {radius * x} {radius * y} {height}" for height in (half_height, -half_height) for x, y in rim]
@@ -54,7 +54,7 @@ def write_cylinder(path, radius, half_height, sides=28):
 
 
 class PyBullet:
-    """PyBullet with its own rasterizer."""
+    """PyBullet with its software rasterizer."""
 
     def __init__(self, views):
         import pybullet
@@ -69,7 +69,7 @@ class PyBullet:
         self.prepared = [self.prepare(view) for view in views]
 
     def prepare(self, view):
-        """Arguments of the calls, as the calls want them."""
+        """Prepares the arguments of all calls."""
         (width, height), tangent = view.size, np.tan(view.vertical_fov / 2)
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = height / width / tangent, 1 / tangent
@@ -96,8 +96,8 @@ class PyBullet:
         if solid.kind == "box":
             shape |= dict(shapeType=self.bullet.GEOM_BOX, halfExtents=solid.half.tolist())
         else:
-            # PyBullet's own cylinder is a hull of few points that is a millimeter too high and hides the cross. Meshes that
-            # are not from a file are not drawn by its plugin for EGL, nor do scales have an effect.
+            # PyBullet's own cylinder is a coarse hull that is a millimeter too high and hides the cross. Its EGL plugin draws
+            # only meshes from files, and ignores scales.
             radius, _, half_height = solid.half
             mesh = Path(self.meshes.name) / f"{radius}-{half_height}.obj"
             write_cylinder(mesh, radius, half_height)
@@ -119,7 +119,7 @@ class PyBullet:
 
 
 class PyBulletEgl(PyBullet):
-    """PyBullet with OpenGL: its plugin for EGL."""
+    """PyBullet with OpenGL, through its EGL plugin."""
 
     def __init__(self, views):
         super().__init__(views)
@@ -127,7 +127,7 @@ class PyBulletEgl(PyBullet):
 
         plugin = self.bullet.loadPlugin(importlib.util.find_spec("eglRenderer").origin, "_eglRendererPlugin")
         if plugin < 0:
-            sys.exit("PyBullet's EGL renderer does not start")
+            sys.exit("PyBullet's EGL renderer failed to start")
         for _, camera in self.prepared:
             camera["renderer"] = self.bullet.ER_BULLET_HARDWARE_OPENGL
 
@@ -175,7 +175,7 @@ class MuJoCo:
         </mujoco>"""
 
     def prepare(self, view):
-        """Arrays of all geoms, transparent where the scene has none, and the camera's."""
+        """Prepares the arrays of all geoms and of the camera. Unused geoms are transparent."""
         from scenes import rotation
 
         size, color = np.ones((len(self.geoms), 3)), np.zeros((len(self.geoms), 4))
@@ -210,7 +210,7 @@ def encoded(image, level):
 
 
 def store(path, pngs):
-    """Only the images, as they are: less than a row of ours."""
+    """Stores the images only, which is less than a row of flowservo."""
     images = pa.array([{"bytes": png, "path": None} for png in pngs], pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
     table = pa.table({"index": pa.array(range(len(pngs))), "image": images})
     pq.write_table(table, path, row_group_size=256, compression="none", use_dictionary=False, write_statistics=False)
@@ -219,7 +219,7 @@ def store(path, pngs):
 
 
 def measure(renderer, numbers, path):
-    """Seconds to render, to encode at each level, and to store the better."""
+    """Returns the seconds to render, to encode at each level, and to store."""
     seconds = dict.fromkeys(["render", *(f"png{level}" for level in PNG_LEVELS)], 0.0)
     pngs = []
     for number in numbers:
@@ -239,13 +239,13 @@ def measure(renderer, numbers, path):
 def main():
     name, folder, part, parts, *multisamples = sys.argv[1:]
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # What the simulators print goes elsewhere.
+    os.dup2(2, 1)  # Output of the simulators goes to standard error.
     views = views_of(folder)
     renderer = RENDERERS[name](views, *map(int, multisamples))
     rows = len(views) // 2
     first, last = (rows * (int(part) + i) // int(parts) for i in (0, 1))
     for number in range(min(4, len(views))):
-        renderer.render(number)  # Compiles shaders.
+        renderer.render(number)  # Compiles the shaders.
     for line in sys.stdin:
         word, *rest = line.split()
         if word == "images":

@@ -1,4 +1,4 @@
-"""What a dataset says of each image: the scene, and where the camera was."""
+"""Scene and camera of each image, read from a dataset."""
 
 import json
 from dataclasses import dataclass
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow.parquet as pq
 
-BAR_HEIGHT = 0.0004  # The cross is two thin boxes, half of them in the target [m].
+BAR_HEIGHT = 0.0004  # The cross is two thin boxes, sunk halfway into the target [m].
 TABLE_THICKNESS = 0.02
 
 
 @dataclass
 class Solid:
-    """A box or a cylinder; half of its sides in meters."""
+    """A box or a cylinder, with half-extents in meters."""
 
     kind: str
     half: np.ndarray
@@ -23,7 +23,7 @@ class Solid:
 
 @dataclass
 class View:
-    """One image: what is in front of the camera, and how."""
+    """One image: solids, camera and light."""
 
     solids: list
     robot_from_camera: np.ndarray  # 4 x 4; x right, y down, z forward
@@ -51,7 +51,7 @@ def transform(turn, position):
 
 
 def robot_from_hand(pose):
-    """x y z and the angles about the robot's x, y, z, in this order, of a hand that looks straight down."""
+    """Converts a hand pose: x y z, and the angles about x, y and z of the robot frame, from looking straight down."""
     (sx, sy, sz), (cx, cy, cz) = np.sin(pose[3:]), np.cos(pose[3:])
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
@@ -60,7 +60,7 @@ def robot_from_hand(pose):
 
 
 def solids_of(scene):
-    """Table, obstacles, target and the two bars of its cross."""
+    """Returns table, obstacles, target and the two bars of its cross."""
     table = scene["table"]
     center = np.subtract(table["center"], [0, 0, TABLE_THICKNESS / 2])
     half = np.array([*table["half_size"], TABLE_THICKNESS / 2])
@@ -79,11 +79,11 @@ def solids_of_body(body):
     elif shape == "cylinder":
         kind, half = "cylinder", np.array([sizes["radius"], sizes["radius"], sizes["half_height"]])
     else:
-        raise ValueError(f"the comparison has no {shape}")
+        raise ValueError(f"the comparison does not support the shape {shape}")
     solids = [Solid(kind, half, position, quaternion, material["color"])]
     if cross := material["cross"]:
         bar = cross["width"] / 2
-        # A bar ends at the side of a box, or where its corners meet the rim of a cylinder.
+        # A bar ends at the side of a box, or with its corners on the rim of a cylinder.
         reach = half[:2] if kind == "box" else np.full(2, np.sqrt(half[0] ** 2 - bar**2))
         top = position + rotation(*quaternion) @ [0, 0, half[2]]
         for sides in ([reach[0], bar], [bar, reach[1]]):
@@ -92,7 +92,7 @@ def solids_of_body(body):
 
 
 def views_of(folder):
-    """Every image of the rows of an approach dataset, in order."""
+    """Returns all images of an approach dataset, in row order."""
     columns = ["index", "scene", "camera", "hand_from_camera"]
     columns += [f"{kind}_{when}" for kind in ("pose", "image") for when in ("current", "goal")]
     views = []

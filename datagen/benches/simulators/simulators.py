@@ -1,14 +1,14 @@
-"""Speed of making images against PyBullet and MuJoCo on this machine: `datagen/benches/simulators.sh` runs it in its own
-environment.
+"""Compares the rendering speed of flowservo with PyBullet and MuJoCo on this machine. `datagen/benches/simulators.sh` runs it
+in its own environment.
 
-flowservo makes a dataset; both simulators then build the scenes that stand in its rows and render them from the cameras that
-stand in its rows. All sides take turns, each pinned to the same cores: one, then two (two processes of a simulator, each with
-a core). A frame of the simulators counts from the call that renders it; in "images" it ends as an array of bytes, in "PNG" as
-a PNG by Pillow (the faster of its fastest and its default level), in "dataset" as a Parquet file on disk. In "dataset" ours
-is the whole program from start to end, which also draws the scenes, solves the arm's joints and checks contacts: the
-simulators get those for nothing. `renderers.py` says what else is generous to them.
+flowservo generates a dataset. Both simulators then build the scenes of its rows and render them from the same cameras. All
+sides take turns, pinned to the same cores: one, then two (two processes of a simulator, with one core each). The time of a
+simulator starts at the render call. It ends with an array of bytes in "images", with a PNG by Pillow in "PNG" (the faster of
+its fastest and its default level), and with a Parquet file on disk in "dataset". For flowservo, "dataset" is the whole
+program, which also draws the scenes, solves the inverse kinematics and checks contacts. The simulators get these for free.
+`renderers.py` lists further conditions that favor them.
 
-Before anything is measured, the images of all sides are compared.
+The images of all sides are compared before anything is measured.
 """
 
 import argparse
@@ -32,16 +32,16 @@ from scenes import views_of
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parent.parent.parent
 TARGET = Path(os.environ.get("CARGO_TARGET_DIR", REPOSITORY / "target"))
-OURS = "flowservo"
+FLOWSERVO = "flowservo"
 STAGES = ["images", "PNG", "dataset"]
-AIM, LEAST = 20, 12
+GOAL, MINIMUM = 20, 12
 
-# Two images show the same view if this share of the pixels shows the same thing.
+# Two images show the same view if this share of their pixels shows the same kind of surface.
 ALIKE = 0.99
 
 
 class Worker:
-    """A process that answers lines, on given cores."""
+    """A process on given cores that answers lines."""
 
     def __init__(self, command, cores, log):
         self.log = log
@@ -58,8 +58,8 @@ class Worker:
         line = self.process.stdout.readline()
         if not line:
             command = " ".join(self.process.args)
-            hint = "EGL that renders on the CPU is in Debian's libegl1 and libgl1-mesa-dri"
-            sys.exit(f"{self.log.read_text()[-2000:]}\n{command}\nended with code {self.process.wait()}; {hint}")
+            hint = "the Debian packages libegl1 and libgl1-mesa-dri provide EGL on the CPU"
+            sys.exit(f"{self.log.read_text()[-2000:]}\n{command}\nexited with code {self.process.wait()}; {hint}")
         return json.loads(line)
 
     def close(self):
@@ -68,7 +68,7 @@ class Worker:
 
 
 class Simulator:
-    """One simulator, a process a core."""
+    """One simulator, with one process per core."""
 
     def __init__(self, name, folder, cores, options):
         self.name = name
@@ -82,7 +82,7 @@ class Simulator:
         self.workers[0].answer()
 
     def measure(self):
-        """Seconds until each stage is reached, and the PNG level."""
+        """Returns the seconds until each stage is reached, and the PNG level."""
         for worker in self.workers:
             worker.ask("measure")
         found = [worker.answer() for worker in self.workers]
@@ -96,10 +96,10 @@ class Simulator:
             worker.close()
 
 
-class Ours:
-    """flowservo: the program for whole datasets, and a part of it that renders only."""
+class Flowservo:
+    """flowservo: the program for whole datasets, and a benchmark that only renders."""
 
-    name = OURS
+    name = FLOWSERVO
 
     def __init__(self, bench, program, folder, cores, options):
         self.repeat, self.out = options.repeat, folder.parent / "again"
@@ -108,7 +108,7 @@ class Ours:
         self.worker = Worker([bench, folder / "config.toml"], cores, folder.parent / "flowservo.log")
 
     def measure(self):
-        """Many times over, and a dataset of as many times the rows: it is soon done."""
+        """Measures several repetitions, and a dataset with that many times the rows, because a single one is too short."""
         found = []
         for _ in range(self.repeat):
             self.worker.ask("measure")
@@ -125,7 +125,7 @@ class Ours:
 
 
 class Program:
-    """The flowservo that makes the dataset."""
+    """The flowservo program that generates the dataset."""
 
     def __init__(self, options):
         self.path, self.config = options.flowservo, options.config
@@ -141,7 +141,7 @@ def run(command):
 
 
 def build():
-    """Compiles our half; the path of the program."""
+    """Compiles the benchmark of flowservo and returns its path."""
     command = "cargo bench --package datagen --bench simulators --no-run --message-format=json-render-diagnostics".split()
     built = subprocess.run(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True)
     if built.returncode != 0:
@@ -151,7 +151,7 @@ def build():
 
 
 def things(image):
-    """What each pixel shows, whatever the light: 0 the table, 1 white or gray bodies, 2 the cross, by their saturation."""
+    """Classifies pixels by saturation, independently of the light: 0 table, 1 white or gray bodies, 2 cross."""
     pixels = np.asarray(image.convert("RGB")).astype(float)
     most = pixels.max(axis=2)
     saturation = (most - pixels.min(axis=2)) / np.maximum(most, 1)
@@ -159,24 +159,24 @@ def things(image):
 
 
 def compare(name, folder, views):
-    """Ends the program unless a simulator's images are those of the dataset."""
+    """Exits unless the images of a simulator match those of the dataset."""
     alike = []
     for number, view in enumerate(views):
         ours, theirs = Image.open(io.BytesIO(view.png)), Image.open(folder / f"{name}-{number}.png")
         alike.append(np.mean(things(ours) == things(theirs)))
     share = f"{100 * np.mean(alike):.2f} % of the pixels, {100 * min(alike):.2f} % in the worst of {len(views)} images"
-    print(f"{name:<14} shows what flowservo shows: {share}")
+    print(f"{name:<14} matches flowservo in {share}")
     if min(alike) < ALIKE:
-        sys.exit(f"{name} renders another view: expected {100 * ALIKE:g} % of the pixels alike; --picture shows it")
+        sys.exit(f"{name} renders a different view: at least {100 * ALIKE:g} % of the pixels must match; use --picture to see it")
 
 
 def picture(path, names, folder, views):
-    """The current images of up to three rows, side by side."""
+    """Saves the current images of up to three rows, side by side."""
     (width, height), rows = views[0].size, min(3, len(views) // 2)
     sheet = Image.new("RGB", (width * (1 + len(names)), height * rows))
     for row, number in enumerate(range(0, 2 * rows, 2)):
         images = [Image.open(io.BytesIO(views[number].png)), *(Image.open(folder / f"{name}-{number}.png") for name in names)]
-        for column, (name, image) in enumerate(zip([OURS, *names], images)):
+        for column, (name, image) in enumerate(zip([FLOWSERVO, *names], images)):
             sheet.paste(image, (column * width, row * height))
             ImageDraw.Draw(sheet).text((column * width + 10, row * height + 10), name, font_size=28)
     sheet.save(path)
@@ -187,17 +187,17 @@ def quartiles(values):
 
 
 def measure(sides, rounds):
-    """What each side said in each round."""
+    """Returns the measurements of each side in each round."""
     found = {side.name: [] for side in sides}
     for number in range(rounds):
-        # Forward and backward in turn, so that none is always the first.
+        # The order alternates, so that no side is always first.
         for side in sides if number % 2 == 0 else sides[::-1]:
             found[side.name].append(side.measure())
     return found
 
 
 def report(found, frames):
-    """Prints frames a second and ratios; the ratios."""
+    """Prints frames per second and ratios, and returns the ratios."""
     print(f"{'':<16}" + "".join(f"{stage:>26}" for stage in STAGES))
     for name, rounds in found.items():
         cells = []
@@ -208,9 +208,9 @@ def report(found, frames):
         print(f"{name:<16}" + "".join(f"{cell:>26}" for cell in cells) + level)
     ratios, cells = {}, []
     for stage in STAGES:
-        theirs = {name: statistics.median(one[stage] for one in rounds) for name, rounds in found.items() if name != OURS}
+        theirs = {name: statistics.median(one[stage] for one in rounds) for name, rounds in found.items() if name != FLOWSERVO}
         best = min(theirs, key=theirs.get)
-        each = [theirs[stage] / ours[stage] for ours, theirs in zip(found[OURS], found[best])]
+        each = [theirs[stage] / ours[stage] for ours, theirs in zip(found[FLOWSERVO], found[best])]
         ratios[stage] = first, median, third = quartiles(each)
         cells.append(f"{median:.1f} ({first:.1f}-{third:.1f})")
     print(f"{'ratio to best':<16}" + "".join(f"{cell:>26}" for cell in cells), flush=True)
@@ -219,25 +219,25 @@ def report(found, frames):
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=128, help="of the dataset; each has two images (128)")
-    parser.add_argument("--rounds", type=int, default=5, help="turns of each side (5)")
-    parser.add_argument("--repeat", type=int, default=10, help="times that ours does the same in a turn (10)")
-    parser.add_argument("--cores", type=int, nargs="+", default=[1, 2], metavar="N", help="equal for all sides (1 2)")
-    parser.add_argument("--simulators", nargs="+", default=list(RENDERERS), choices=list(RENDERERS), help="all by default")
-    parser.add_argument("--multisamples", type=int, default=4, help="samples a pixel of MuJoCo (4, its default; 0 is fastest)")
-    parser.add_argument("--config", default=REPOSITORY / "configs/datasets/c.toml", help="dataset (configs/datasets/c.toml)")
+    parser.add_argument("--rows", type=int, default=128, help="rows of the dataset, with two images each (128)")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds per side (5)")
+    parser.add_argument("--repeat", type=int, default=10, help="repetitions by flowservo per round (10)")
+    parser.add_argument("--cores", type=int, nargs="+", default=[1, 2], metavar="N", help="numbers of cores to compare on (1 2)")
+    parser.add_argument("--simulators", nargs="+", default=list(RENDERERS), choices=list(RENDERERS), help="simulators to compare with (all)")
+    parser.add_argument("--multisamples", type=int, default=4, help="samples per pixel in MuJoCo (4, its default; 0 is fastest)")
+    parser.add_argument("--config", default=REPOSITORY / "configs/datasets/c.toml", help="configuration of the dataset (configs/datasets/c.toml)")
     program = TARGET / "release/flowservo"
-    parser.add_argument("--flowservo", type=Path, default=program, help="a release build (target/release/flowservo)")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="write three images of each side there")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write every measurement there")
+    parser.add_argument("--flowservo", type=Path, default=program, help="release build of flowservo (target/release/flowservo)")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="write three images of each side to this file")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all measurements to this file")
     options = parser.parse_args()
     if not options.flowservo.exists():
-        parser.error(f"{options.flowservo} does not exist: cargo build --release")
+        parser.error(f"{options.flowservo} does not exist; run cargo build --release")
     if shutil.which("taskset") is None:
         parser.error("taskset is missing (Debian: util-linux)")
     available = sorted(os.sched_getaffinity(0))
     if max(options.cores) > len(available):
-        parser.error(f"--cores {max(options.cores)}, and there are {len(available)}")
+        parser.error(f"--cores {max(options.cores)}: only {len(available)} cores are available")
     return options, available
 
 
@@ -260,13 +260,13 @@ def main():
         for name in options.simulators:
             compare(name, folder, views[:shown])
         width, height = views[0].size
-        print(f"{options.rows} rows, {len(views)} images of {width} x {height}, {options.rounds} rounds; frames a second")
+        print(f"{options.rows} rows, {len(views)} images of {width} x {height}, {options.rounds} rounds; frames per second")
         if load > 0.5:
-            print(f"THE MACHINE IS BUSY (load {load:.1f}): these ratios will not mean anything")
+            print(f"WARNING: the machine is busy (load {load:.1f}); the ratios are unreliable")
         results = []
         for count in options.cores:
             cores = available[:count]
-            sides = [Ours(bench, program, folder, cores, options)]
+            sides = [Flowservo(bench, program, folder, cores, options)]
             sides += [Simulator(name, folder, cores, options) for name in options.simulators]
             found = measure(sides, options.rounds)
             for side in sides:
@@ -274,7 +274,7 @@ def main():
             print(f"\n{count} core{'s' * (count > 1)}")
             ratios = report(found, len(views))
             results.append(dict(cores=count, frames=len(views), seconds=found, ratios=ratios))
-        print(f"\naim: {AIM} times the better simulator with PNG in the file, and no less than {LEAST}")
+        print(f"\ngoal: {GOAL} times the better simulator in 'dataset', and at least {MINIMUM} times")
     if options.json:
         options.json.write_text(json.dumps(results, indent=1) + "\n")
 

@@ -1,7 +1,6 @@
-//! What a configuration says of the objects on the table: target and obstacles.
+//! Objects on the table: the target and the obstacles.
 
-use crate::config::{require, require_interval};
-use crate::error::Result;
+use super::validation::{Result, require, require_interval};
 use serde::{Deserialize, Serialize};
 
 /// Shape of an object on the table.
@@ -16,53 +15,53 @@ pub enum ShapeName {
     Sphere,
 }
 
-/// What the target is and where it stands; `[from, to]` are drawn evenly.
+/// Shape, size and position of the target. Values are drawn uniformly from `[from, to]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TargetConfig {
-    /// Shapes, equally often.
+    /// Shapes, equally likely.
     pub shapes: Vec<ShapeName>,
-    /// Side along y, which the fingers close across.
+    /// Side along y, across which the fingers close.
     pub short_side_mm: [f64; 2],
-    /// Side along x; never shorter than the short side that was drawn.
+    /// Side along x; at least as long as the short side.
     pub long_side_mm: [f64; 2],
     /// Height.
     pub height_mm: [f64; 2],
-    /// Centre in the robot frame.
+    /// x of the center in the robot frame.
     pub x_mm: [f64; 2],
-    /// Centre in the robot frame.
+    /// y of the center in the robot frame.
     pub y_mm: [f64; 2],
-    /// Turn about the vertical.
+    /// Rotation about the vertical axis.
     pub yaw_deg: [f64; 2],
-    /// Does the hand turn with the target, so that its fingers close across the short side at any yaw? Ranges of `ψ` then count
-    /// from the target's yaw.
+    /// Whether the hand turns with the target, so that its fingers close across the short side at any yaw. Ranges of `ψ`
+    /// are then relative to the yaw of the target.
     pub hand_follows_yaw: bool,
 }
 
-/// What the obstacles are and where they stand; `[from, to]` are drawn evenly.
+/// Number, shapes, sizes and positions of the obstacles. Values are drawn uniformly from `[from, to]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObstacleConfig {
-    /// How many.
+    /// Number of obstacles.
     pub count: [u32; 2],
-    /// Shapes, equally often.
+    /// Shapes, equally likely.
     pub shapes: Vec<ShapeName>,
-    /// As for targets.
+    /// Side along y, as for the target.
     pub short_side_mm: [f64; 2],
-    /// As for targets.
+    /// Side along x, as for the target.
     pub long_side_mm: [f64; 2],
     /// Height.
     pub height_mm: [f64; 2],
-    /// Turn about the vertical.
+    /// Rotation about the vertical axis.
     pub yaw_deg: [f64; 2],
-    /// Horizontal distance of the centre from the hand: of an approach, at its goal.
+    /// Horizontal distance between its center and the hand; for an approach, the hand at its goal.
     pub distance_mm: [f64; 2],
-    /// Least free space to the target and to each other.
+    /// Minimum gap to the target and between obstacles.
     pub gap_mm: f64,
 }
 
 impl TargetConfig {
-    /// Refuses values that make no target; names the key.
+    /// Checks every value; an error names the key.
     pub fn validate(&self) -> Result<()> {
         let sides = [self.short_side_mm, self.long_side_mm, self.height_mm];
         validate_sides("target", &self.shapes, sides)?;
@@ -83,7 +82,7 @@ impl TargetConfig {
 }
 
 impl ObstacleConfig {
-    /// Refuses values that make no obstacles; names the key.
+    /// Checks every value; an error names the key.
     pub fn validate(&self) -> Result<()> {
         let [from, to] = self.count;
         require(
@@ -116,6 +115,6 @@ fn validate_sides(table: &str, shapes: &[ShapeName], sides: [[f64; 2]; 3]) -> Re
         require_interval(format!("{table}.{name}"), side, [1.0, 1000.0], "[from, to], within 1 to 1000")?;
     }
     let [short, long, _] = sides;
-    let expected = "a longest side that is at least the longest short side";
+    let expected = "a maximum of at least the maximum of short_side_mm";
     require(format!("{table}.long_side_mm"), long[1] >= short[1], format!("{long:?}"), expected)
 }

@@ -1,90 +1,89 @@
-//! What a configuration says of domain randomization. Where every number is 0, nothing is randomized.
+//! Domain randomization. With all numbers 0, nothing is randomized.
 
-use crate::config::{require, require_interval};
-use crate::error::Result;
+use super::validation::{Result, require, require_interval};
 use serde::{Deserialize, Serialize};
 use world::Light;
 use world::config::LightConfig;
 use world::units::to_deg;
 
-/// What differs from example to example, beyond the paper.
+/// Variation between examples, beyond the paper.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RandomizationConfig {
-    /// The light.
+    /// Direction and strength of the light.
     pub light: LightSpread,
-    /// Colors.
+    /// Colors of all surfaces.
     pub colors: ColorSpread,
-    /// Textures.
+    /// Textures of all surfaces.
     pub texture: TextureConfig,
-    /// The camera.
+    /// Camera mount and sensor.
     pub camera: CameraSpread,
 }
 
-/// How far the light differs from `world.light`.
+/// Deviation of the light from `world.light`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightSpread {
-    /// It comes from anywhere within a cone of this half-angle, evenly by solid angle.
+    /// Half-angle of the cone of directions, drawn uniformly by solid angle.
     pub cone_deg: f64,
-    /// Its ambient share moves by up to so much either way, within 0 and 1.
+    /// Maximum change of the ambient share in either direction; the result is clamped to 0 to 1.
     pub ambient: f64,
 }
 
-/// By how much each channel of a color moves either way, within 0 and 1.
+/// Maximum change of each color channel in either direction; the result is clamped to 0 to 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColorSpread {
-    /// Of the table.
+    /// Table.
     pub table: f64,
-    /// Of the target.
+    /// Target.
     pub target: f64,
-    /// Of the cross on the target.
+    /// Cross on the target.
     pub cross: f64,
-    /// Of each obstacle by itself.
+    /// Obstacles, each drawn independently.
     pub obstacles: f64,
-    /// Of what is beyond the table.
+    /// Background beyond the table.
     pub background: f64,
 }
 
-/// Textures of the table, and of target and obstacles.
+/// Textures of the table and of the objects on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TextureConfig {
-    /// Of the table.
+    /// Table.
     pub table: TextureRange,
-    /// Of the target and of each obstacle by itself.
+    /// Target and obstacles, each drawn independently.
     pub objects: TextureRange,
 }
 
-/// Textures to draw from, `[from, to]`.
+/// Range of textures. Values are drawn uniformly from `[from, to]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TextureRange {
-    /// How much lighter and darker it makes a surface, as a share of its color; `[0, 0]` is no texture.
+    /// Contrast, as a share of the color of the surface; `[0, 0]` means no texture.
     pub contrast: [f64; 2],
-    /// Size of its pattern.
+    /// Size of the pattern.
     pub grain_mm: [f64; 2],
-    /// So many times longer is the pattern along one of the body's axes: 1 is stone, 8 is wood.
+    /// Elongation of the pattern along one axis of the body: 1 resembles stone, 8 resembles wood.
     pub stretch: [f64; 2],
 }
 
-/// What is wrong with the camera; `[from, to]` are drawn evenly.
+/// Imperfections of the camera. Values are drawn uniformly from `[from, to]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpread {
-    /// Standard deviation of its blur, in pixels.
+    /// Standard deviation of the blur, in pixels.
     pub blur: [f64; 2],
-    /// Standard deviation of its noise, as a share of full scale.
+    /// Standard deviation of the noise, as a share of full scale.
     pub noise: [f64; 2],
-    /// Its mount is off by up to so much along each axis of the camera.
+    /// Maximum offset of the mount along each axis of the camera.
     pub shift_mm: f64,
-    /// Its mount is turned by up to so much about each axis of the camera.
+    /// Maximum rotation of the mount about each axis of the camera.
     pub turn_deg: f64,
 }
 
 impl RandomizationConfig {
-    /// Refuses values that make no picture; names the key.
+    /// Checks every value; an error names the key.
     pub fn validate(&self, light: &LightConfig) -> Result<()> {
         let LightSpread { cone_deg, ambient } = self.light;
         let up = Light::new(light).towards_light.z;

@@ -1,32 +1,18 @@
-//! Reads a dataset back: a range of rows in order, or any rows in any order. Nothing is loaded but what is asked for.
-//!
-//! The footer of a file is read when its first row is asked for, and kept. It says where each page of each column lies, so
-//! that of the pages only those are read that hold a row which is asked for.
+//! Reads the rows of a dataset: a range in order, or any rows in any order. Only the requested data are read.
 
+use super::data_file::{DataFile, RowGroup, damaged, wrong_rows};
 use crate::error::{Error, Result};
-use crate::info::{DatasetInfo, FileRecord};
-use crate::publish::io;
 use crate::row::{Batch, Row};
+use crate::store::{DatasetInfo, FileRecord};
 use arrow_array::RecordBatch;
-use parquet::arrow::ProjectionMask;
-use parquet::arrow::arrow_reader::{
-    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
-    RowSelection, RowSelectionPolicy,
-};
-use parquet::file::metadata::PageIndexPolicy;
-use parquet::file::reader::ChunkReader;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReader;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-use std::fmt::Display;
-use std::fs::File;
 use std::iter::once;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
-/// Rows that are decoded at a time: little memory even with large images.
-const BATCH: usize = 32;
-
-/// A complete dataset. Threads may share it; a clone shares what was read of it.
+/// Reader of a complete dataset. Threads may share it, and clones share the footers that were read.
 #[derive(Debug, Clone)]
 pub struct DatasetReader {
     opened: Arc<Opened>,
@@ -40,51 +26,50 @@ struct Opened {
 }
 
 impl DatasetReader {
-    /// Opens a folder; refuses an incomplete dataset, and one whose files are missing or cut short.
+    /// Opens the dataset in a folder. Fails if it is incomplete, or if files are missing or truncated.
     pub fn open(dir: &Path) -> Result<Self> {
         let info = DatasetInfo::read(dir)?;
         info.check_sizes(dir)?;
         let mut end = 0;
         let file = |record: &FileRecord| {
             end += record.rows;
-            let path = dir.join(&record.path);
-            DataFile { path, rows: end - record.rows..end, footer: OnceLock::new() }
+            DataFile::new(dir.join(&record.path), end - record.rows..end)
         };
         let files = info.files.iter().map(file).collect();
         Ok(Self { opened: Arc::new(Opened { dir: dir.to_owned(), info, files }) })
     }
 
-    /// What the dataset is made of.
+    /// Returns the manifest of the dataset.
     pub fn info(&self) -> &DatasetInfo {
         &self.opened.info
     }
 
-    /// The dataset's folder.
+    /// Returns the folder of the dataset.
     pub fn dir(&self) -> &Path {
         &self.opened.dir
     }
 
-    /// The range of indices of each file: what to hand to [`DatasetReader::rows`] to read files in parallel.
+    /// Returns the range of rows in each file. Pass these to [`DatasetReader::rows`] to read files in parallel.
     pub fn shards(&self) -> Vec<Range<u64>> {
         self.opened.files.iter().map(|file| file.rows.clone()).collect()
     }
 
-    /// All rows in order.
+    /// Reads all rows in order.
     pub fn all<R: Row>(&self) -> Result<Rows<R>> {
         self.rows(0..self.info().rows)
     }
 
-    /// The rows of a range of indices, in order, decoded as they are asked for.
+    /// Reads a range of rows in order. Rows are decoded as they are consumed.
     pub fn rows<R: Row>(&self, range: Range<u64>) -> Result<Rows<R>> {
         self.check_kind::<R>()?;
         if range.start > range.end || range.end > self.info().rows {
             return Err(self.out_of_range(range));
         }
-        Ok(Rows { reader: self.clone(), left: range, open: None, decoded: Vec::new().into_iter() })
+        Ok(Rows { reader: self.clone(), remaining: range, open: None, decoded: Vec::new().into_iter() })
     }
 
-    /// Any rows, in the order asked for, as often as asked for. Groups of rows are read in parallel, by the threads of the
-    /// current rayon pool.
+    /// Reads any rows, in the given order; rows may repeat. Reads row groups in parallel, with the threads of the current rayon
+    /// pool.
     pub fn rows_at<R: Row>(&self, rows: &[u64]) -> Result<Vec<R>> {
         self.check_kind::<R>()?;
         let mut sorted = rows.to_vec();
@@ -102,19 +87,18 @@ impl DatasetReader {
         Ok(rows.iter().map(|row| read[sorted.partition_point(|other| other < row)].clone()).collect())
     }
 
-    /// One row with all its columns, as they are stored.
-    pub fn record(&self, row: u64) -> Result<RecordBatch> {
+    /// Reads one row with all its columns, as stored.
+    pub fn record_batch(&self, row: u64) -> Result<RecordBatch> {
         let group = self.group_of(row)?;
         let columns = group.footer.schema().fields();
         let columns: Vec<_> = columns.iter().map(|column| column.name().as_str()).collect();
         match group.open(once(row..row + 1), &columns)?.next() {
-            Some(record) => record.map_err(|error| damaged(group.path, &error)),
+            Some(batch) => batch.map_err(|error| damaged(group.path, &error)),
             None => Err(wrong_rows(group.path, 1, 0)),
         }
     }
 
-    /// Where a row lies.
-    fn group_of(&self, row: u64) -> Result<Group<'_>> {
+    fn group_of(&self, row: u64) -> Result<RowGroup<'_>> {
         let files = &self.opened.files;
         match files.get(files.partition_point(|file| file.rows.end <= row)) {
             Some(file) => file.group_of(row),
@@ -137,106 +121,11 @@ impl DatasetReader {
     }
 }
 
-/// One file.
-#[derive(Debug)]
-struct DataFile {
-    path: PathBuf,
-    /// Of the dataset.
-    rows: Range<u64>,
-    footer: OnceLock<ArrowReaderMetadata>,
-}
-
-impl DataFile {
-    fn footer(&self) -> Result<&ArrowReaderMetadata> {
-        if let Some(footer) = self.footer.get() {
-            return Ok(footer);
-        }
-        let file = File::open(&self.path).map_err(|source| io(&self.path, source))?;
-        let options = ArrowReaderOptions::new().with_offset_index_policy(PageIndexPolicy::Optional);
-        let footer =
-            ArrowReaderMetadata::load(&file, options).map_err(|error| damaged(&self.path, &error))?;
-        let (expected, found) =
-            (self.rows.end - self.rows.start, footer.metadata().file_metadata().num_rows());
-        if u64::try_from(found) != Ok(expected) {
-            return Err(wrong_rows(&self.path, expected, found));
-        }
-        // If another thread was faster, its footer is kept.
-        Ok(self.footer.get_or_init(|| footer))
-    }
-
-    fn group_of(&self, row: u64) -> Result<Group<'_>> {
-        let footer = self.footer()?;
-        let mut end = self.rows.start;
-        for (number, group) in footer.metadata().row_groups().iter().enumerate() {
-            let start = end;
-            end += group.num_rows() as u64;
-            if row < end {
-                return Ok(Group { path: &self.path, footer, number, rows: start..end });
-            }
-        }
-        Err(wrong_rows(&self.path, self.rows.end - self.rows.start, end - self.rows.start))
-    }
-}
-
-/// Rows that lie together in a file: what is read by one thread.
-struct Group<'a> {
-    path: &'a Path,
-    footer: &'a ArrowReaderMetadata,
-    /// In the file.
-    number: usize,
-    /// Of the dataset.
-    rows: Range<u64>,
-}
-
-impl Group<'_> {
-    /// Some of its rows, ascending.
-    fn read<R: Row>(&self, rows: &[u64]) -> Result<Vec<R>> {
-        let Self { path, .. } = *self;
-        let mut read = Vec::with_capacity(rows.len());
-        for columns in self.open(rows.iter().map(|&row| row..row + 1), R::COLUMNS)? {
-            let columns = &columns.map_err(|error| damaged(path, &error))?;
-            read.extend(R::decode(&Batch { path, columns })?);
-        }
-        if read.len() == rows.len() { Ok(read) } else { Err(wrong_rows(path, rows.len(), read.len())) }
-    }
-
-    /// Opens the file for some of its rows, ascending, and columns.
-    fn open(
-        &self,
-        rows: impl Iterator<Item = Range<u64>>,
-        columns: &[&str],
-    ) -> Result<ParquetRecordBatchReader> {
-        // Opened again for every group: threads that share an open file would move each other's position in it.
-        let file = File::open(self.path).map_err(|source| io(self.path, source))?;
-        self.select(file, rows, columns)
-    }
-
-    fn select<T: ChunkReader + 'static>(
-        &self,
-        file: T,
-        rows: impl Iterator<Item = Range<u64>>,
-        columns: &[&str],
-    ) -> Result<ParquetRecordBatchReader> {
-        let Range { start, end } = self.rows;
-        let within = rows.map(|rows| (rows.start - start) as usize..(rows.end - start) as usize);
-        let selection = RowSelection::from_consecutive_ranges(within, (end - start) as usize);
-        let mask = ProjectionMask::columns(self.footer.parquet_schema(), columns.iter().copied());
-        let reader = ParquetRecordBatchReaderBuilder::new_with_metadata(file, self.footer.clone())
-            .with_row_groups(vec![self.number])
-            .with_row_selection(selection)
-            // A mask would read pages between the rows, too.
-            .with_row_selection_policy(RowSelectionPolicy::Selectors)
-            .with_projection(mask)
-            .with_batch_size(BATCH);
-        reader.build().map_err(|error| damaged(self.path, &error))
-    }
-}
-
-/// Rows, decoded as they are asked for. Ends after the first error.
+/// Iterator over rows, decoded as they are consumed. It ends after the first error.
 pub struct Rows<R> {
     reader: DatasetReader,
-    /// Those behind what is open.
-    left: Range<u64>,
+    /// Rows after the open group.
+    remaining: Range<u64>,
     open: Option<(PathBuf, ParquetRecordBatchReader)>,
     decoded: std::vec::IntoIter<R>,
 }
@@ -253,7 +142,7 @@ impl<R: Row> Iterator for Rows<R> {
                 Ok(true) => {}
                 Ok(false) => return None,
                 Err(error) => {
-                    (self.left, self.open) = (0..0, None);
+                    (self.remaining, self.open) = (0..0, None);
                     return Some(Err(error));
                 }
             }
@@ -262,52 +151,37 @@ impl<R: Row> Iterator for Rows<R> {
 }
 
 impl<R: Row> Rows<R> {
-    /// Decodes the next rows, or opens the next group; false where there is none.
+    /// Decodes the next rows or opens the next group. Returns false at the end.
     fn decode_more(&mut self) -> Result<bool> {
         if let Some((path, reader)) = &mut self.open {
             if let Some(columns) = reader.next() {
                 let columns = &columns.map_err(|error| damaged(path, &error))?;
-                self.decoded = R::decode(&Batch { path, columns })?.into_iter();
+                self.decoded = R::decode(&Batch::new(path, columns))?.into_iter();
                 return Ok(true);
             }
             self.open = None;
         }
-        if self.left.is_empty() {
+        if self.remaining.is_empty() {
             return Ok(false);
         }
-        let group = self.reader.group_of(self.left.start)?;
-        let end = self.left.end.min(group.rows.end);
-        let reader = group.open(once(self.left.start..end), R::COLUMNS)?;
+        let group = self.reader.group_of(self.remaining.start)?;
+        let end = self.remaining.end.min(group.rows.end);
+        let reader = group.open(once(self.remaining.start..end), R::COLUMNS)?;
         self.open = Some((group.path.to_owned(), reader));
-        self.left.start = end;
+        self.remaining.start = end;
         Ok(true)
     }
-}
-
-pub(crate) fn damaged(path: &Path, error: &dyn std::error::Error) -> Error {
-    Error::Damaged {
-        path: path.to_owned(),
-        expected: "a Parquet file of flowservo".to_owned(),
-        found: error.to_string(),
-    }
-}
-
-fn wrong_rows(path: &Path, expected: impl Display, found: impl Display) -> Error {
-    let [expected, found] = [format!("{expected} rows"), format!("{found} rows")];
-    Error::Damaged { path: path.to_owned(), expected, found }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::config::DatasetConfig;
-    use crate::example::Collector;
-    use crate::row::{ApproachRow, AvoidanceRow, ImagesRow, SceneRow};
-    use crate::schema;
-    use crate::shard::ROWS_PER_GROUP;
-    use crate::tiny::{config, make};
-    use parquet::file::reader::Length;
-    use std::fs;
+    use crate::fixture::{config, make};
+    use crate::row::{self, ApproachRow, AvoidanceRow, ExampleGenerator, ImagesRow, SceneRow};
+    use crate::store::{ROWS_PER_GROUP, verify};
+    use parquet::file::reader::{ChunkReader, Length};
+    use std::fs::{self, File};
     use std::sync::Mutex;
     use tempfile::TempDir;
 
@@ -319,15 +193,15 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_is_read() {
+    fn rows_are_read_as_written() {
         let config = config("c", 4);
-        let collector = Collector::new(&config).unwrap();
+        let generator = ExampleGenerator::new(&config).unwrap();
         let (_dir, reader) = dataset(&config);
         let rows: Vec<ApproachRow> = reader.all().unwrap().map(Result::unwrap).collect();
         let images: Vec<ImagesRow> = reader.all().unwrap().map(Result::unwrap).collect();
         let scenes: Vec<SceneRow> = reader.all().unwrap().map(Result::unwrap).collect();
         for (index, ((row, images), scene)) in rows.into_iter().zip(images).zip(scenes).enumerate() {
-            let example = collector.example(index as u64).unwrap();
+            let example = generator.example(index as u64).unwrap();
             let hands = example.placement.hands.iter().map(|hand| hand.pose.robot_from_hand());
             assert_eq!(row.index, index as u64);
             assert_eq!(images, ImagesRow { index: index as u64, images: example.images });
@@ -339,11 +213,11 @@ mod tests {
     #[test]
     fn avoidance_maps_are_read() {
         let config = config("avoid", 4);
-        let collector = Collector::new(&config).unwrap();
+        let generator = ExampleGenerator::new(&config).unwrap();
         let (_dir, reader) = dataset(&config);
         let images = reader.all::<ImagesRow>().unwrap().map(Result::unwrap);
         for (row, images) in reader.all::<AvoidanceRow>().unwrap().map(Result::unwrap).zip(images) {
-            let example = collector.example(row.index).unwrap();
+            let example = generator.example(row.index).unwrap();
             assert_eq!(images, ImagesRow { index: row.index, images: example.images });
             assert_eq!(row.values, example.avoidance);
             assert_eq!(row.robot_from_hand, example.placement.hands[0].pose.robot_from_hand());
@@ -376,7 +250,7 @@ mod tests {
         (config.world.camera.width, config.world.camera.height) = (8, 8);
         let (_dir, reader) = dataset(&config);
         let all: Vec<ImagesRow> = reader.all().unwrap().map(Result::unwrap).collect();
-        // Both files, all groups, neighbors and the ends of groups, one row three times.
+        // Both files, all groups, neighbors, ends of groups, and one row three times.
         let asked = [265, 0, 130, 129, 265, 133, 127, 128, 132, 265, 1];
         let expected: Vec<_> = asked.iter().map(|&row| all[row as usize].clone()).collect();
         std::thread::scope(|scope| {
@@ -393,7 +267,7 @@ mod tests {
         assert!(matches!(reader.rows_at::<AvoidanceRow>(&[3]), Err(Error::Kind { .. })));
     }
 
-    /// A file that remembers which of its bytes were read.
+    /// A file that records which of its bytes were read.
     struct Watched {
         file: File,
         read: Arc<Mutex<Vec<Range<u64>>>>,
@@ -409,7 +283,7 @@ mod tests {
         type T = <File as ChunkReader>::T;
 
         fn get_read(&self, _: u64) -> parquet::errors::Result<Self::T> {
-            panic!("read up to an end that is not known")
+            panic!("a read without a known end")
         }
 
         fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<bytes::Bytes> {
@@ -446,9 +320,9 @@ mod tests {
         let file = Watched { file: File::open(group.path).unwrap(), read: read.clone() };
         let mut batches = group.select(file, once(70..71), ImagesRow::COLUMNS).unwrap();
         let columns = &batches.next().unwrap().unwrap();
-        let row = &ImagesRow::decode(&Batch { path: group.path, columns }).unwrap()[0];
+        let row = &ImagesRow::decode(&Batch::new(group.path, columns)).unwrap()[0];
         assert_eq!(row.index, 70);
-        assert_eq!(row.images, Collector::new(&config).unwrap().example(70).unwrap().images);
+        assert_eq!(row.images, ExampleGenerator::new(&config).unwrap().example(70).unwrap().images);
         assert!(batches.next().is_none());
         let mut read = read.lock().unwrap().clone();
         read.sort_by_key(|range| range.start);
@@ -461,7 +335,7 @@ mod tests {
         let shared = reader.clone();
         let read = |reader: &DatasetReader| reader.rows_at::<ImagesRow>(&[2]).unwrap().remove(0);
         let row = read(&reader);
-        // Where the footer was, nothing is legible any more.
+        // Overwrite the footer.
         let path = dir.path().join(&reader.info().files[0].path);
         let mut bytes = fs::read(&path).unwrap();
         let footer = bytes.len() - 100;
@@ -473,15 +347,15 @@ mod tests {
     }
 
     #[test]
-    fn a_record_has_all_columns() {
+    fn a_record_batch_has_all_columns() {
         let config = config("avoid", 5);
         let (_dir, reader) = dataset(&config);
-        let collector = Collector::new(&config).unwrap();
-        let made = schema::encode(&collector, &[collector.example(4).unwrap()]).unwrap();
-        let stored = reader.record(4).unwrap();
+        let generator = ExampleGenerator::new(&config).unwrap();
+        let made = row::encode(&generator, &[generator.example(4).unwrap()]).unwrap();
+        let stored = reader.record_batch(4).unwrap();
         assert_eq!(stored.columns(), made.columns());
-        assert!(stored.schema().fields().iter().eq(schema::schema(&config).fields()));
-        assert!(matches!(reader.record(5), Err(Error::OutOfRange { .. })));
+        assert!(stored.schema().fields().iter().eq(row::schema(&config).fields()));
+        assert!(matches!(reader.record_batch(5), Err(Error::OutOfRange { .. })));
     }
 
     #[test]
@@ -505,9 +379,9 @@ mod tests {
             truncated.contains("train-00000-of-00001.parquet") && truncated.contains(&expected),
             "{truncated}"
         );
-        assert!(read().contains("expected a Parquet file of flowservo"), "{}", read());
+        assert!(read().contains("expected a Parquet file written by flowservo"), "{}", read());
 
-        // A readable file, of three rows, but of the other kind.
+        // A readable file of three rows, but of the other kind.
         let (other, _) = dataset(&config("avoid", 3));
         fs::copy(other.path().join("data/train-00000-of-00001.parquet"), &path).unwrap();
         let foreign = read();
@@ -525,13 +399,13 @@ mod tests {
     #[test]
     fn a_changed_byte_is_found_by_its_digest() {
         let (dir, reader) = dataset(&config("a", 3));
-        reader.info().verify(dir.path()).unwrap();
+        assert!(verify(dir.path()).unwrap().is_empty());
         let path = dir.path().join(&reader.info().files[0].path);
         let mut bytes = fs::read(&path).unwrap();
         let middle = bytes.len() / 2;
         bytes[middle] ^= 1;
         fs::write(&path, bytes).unwrap();
-        let error = reader.info().verify(dir.path()).unwrap_err().to_string();
+        let error = verify(dir.path()).unwrap()[0].to_string();
         assert!(error.contains("train-00000-of-00001.parquet: expected SHA-256"), "{error}");
     }
 }

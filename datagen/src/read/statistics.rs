@@ -1,171 +1,150 @@
-//! What the rows of a dataset are like: counts, ranges and spreads of the labels, and where the bytes are. No image is read.
+//! Statistics of a dataset: counts, distributions of the labels, and sizes.
 
-use crate::counts::Counts;
-use crate::error::Result;
-use crate::publish::io;
-use crate::reader::{DatasetReader, damaged};
-use crate::spread::{Spread, Tally, percentile};
+use super::data_file::damaged;
+use super::running_stats::RunningStats;
+pub use super::running_stats::{SummaryStats, percentile};
+use crate::error::{Error, Result};
 use parquet::file::metadata::{ParquetMetaDataReader, RowGroupMetaData};
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// An avoidance value from here on means that the direction is blocked: an obstacle is within 60 degrees of it.
+/// Avoidance value from which a direction counts as blocked: an obstacle is within 60 degrees of it.
 pub const BLOCKED: f64 = 0.5;
 
-/// What the rows of a dataset are like. Metres and radians; keys end in the unit.
+/// Statistics of a dataset, in meters and radians. Field names end in the unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DatasetStatistics {
-    /// The motions, in the configuration's order.
+    /// Motions, in the order of the configuration.
     pub motions: Vec<MotionCount>,
-    /// Rows by the target's shape.
+    /// Number of rows by shape of the target.
     pub target_shapes: BTreeMap<String, u64>,
-    /// Rows by the number of obstacles.
+    /// Number of rows by number of obstacles.
     pub obstacles: BTreeMap<u64, u64>,
-    /// The hand at each of its poses: current and goal of an approach, the only one of an avoidance map.
+    /// Hand poses: current and goal pose of an approach, or the single pose of an avoidance map.
     pub hands: Vec<HandStatistics>,
-    /// Smallest and largest angle of each joint of the arm \[rad\].
+    /// Lower and upper limit of each joint of the arm \[rad\].
     pub joint_limits_rad: [[f64; 2]; 6],
-    /// What is learned.
+    /// Labels.
     pub labels: LabelStatistics,
-    /// Where the bytes are.
+    /// Sizes of the Parquet files.
     pub bytes: ByteCounts,
 }
 
-/// How often a motion was drawn.
+/// Frequency of a motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionCount {
-    /// Its name.
+    /// Name of the motion.
     pub name: String,
-    /// The share that was asked for.
+    /// Configured share.
     pub share: f64,
-    /// The rows that have it.
+    /// Number of rows with the motion.
     pub rows: u64,
 }
 
-/// Where the hand is.
+/// Statistics of one hand pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HandStatistics {
-    /// Which of its poses: `current`, `goal`, or `hand` where there is one.
+    /// Name of the pose: `current` or `goal`, or `hand` if there is only one.
     pub name: String,
-    /// Its pose in the robot frame.
-    pub pose: PoseSpreads,
-    /// The arm's joint angles \[rad\].
-    pub joints_rad: [Spread; 6],
+    /// Pose in the robot frame.
+    pub pose: PoseStats,
+    /// Joint angles of the arm \[rad\].
+    pub joints_rad: [SummaryStats; 6],
 }
 
-/// The six numbers of a pose, or of a change of pose.
+/// Statistics of the six numbers of a pose, or of a change of pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct PoseSpreads {
+pub struct PoseStats {
     /// Along x \[m\].
-    pub x_m: Spread,
+    pub x_m: SummaryStats,
     /// Along y \[m\].
-    pub y_m: Spread,
+    pub y_m: SummaryStats,
     /// Along z \[m\].
-    pub z_m: Spread,
+    pub z_m: SummaryStats,
     /// About x \[rad\].
-    pub phi_rad: Spread,
+    pub phi_rad: SummaryStats,
     /// About y \[rad\].
-    pub theta_rad: Spread,
+    pub theta_rad: SummaryStats,
     /// About z \[rad\].
-    pub psi_rad: Spread,
+    pub psi_rad: SummaryStats,
 }
 
-/// What is learned.
+/// Statistics of the labels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LabelStatistics {
-    /// Of a dataset of approaches.
+    /// Labels of approaches.
     Twist(TwistStatistics),
-    /// Of a dataset of avoidance maps.
+    /// Labels of avoidance maps.
     Values(MapStatistics),
 }
 
-/// The twist from current to goal, in the current hand frame.
+/// Statistics of the twist from current to goal pose, in the current hand frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TwistStatistics {
-    /// Its six numbers.
-    pub axes: PoseSpreads,
-    /// Norm of its translation \[m\].
+    /// The six numbers.
+    pub axes: PoseStats,
+    /// Norm of the translation \[m\].
     pub translation_m: NormStatistics,
-    /// Norm of its rotation, the angle \[rad\].
+    /// Norm of the rotation, which is its angle \[rad\].
     pub rotation_rad: NormStatistics,
 }
 
-/// A norm over all rows.
+/// Statistics of a norm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct NormStatistics {
-    /// Extremes, mean and standard deviation.
+    /// Minimum, mean, standard deviation and maximum.
     #[serde(flatten)]
-    pub spread: Spread,
+    pub summary: SummaryStats,
     /// Median.
     pub median: f64,
     /// 95th percentile.
     pub percentile_95: f64,
 }
 
-/// All values of all avoidance maps.
+/// Statistics of all values of all avoidance maps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MapStatistics {
-    /// Extremes, mean and standard deviation.
-    pub spread: Spread,
-    /// Share of the values that are 0: no obstacle within 90 degrees.
+    /// Minimum, mean, standard deviation and maximum.
+    #[serde(rename = "spread")]
+    pub summary: SummaryStats,
+    /// Share of zeros: no obstacle within 90 degrees of the direction.
     pub free: f64,
-    /// Share of the values from [`BLOCKED`] on.
+    /// Share of values of at least [`BLOCKED`].
     pub blocked: f64,
-    /// Share of the values in each tenth of 0 to 1.
+    /// Share of values in each tenth of 0 to 1.
     pub tenths: [f64; 10],
 }
 
-/// Where the bytes of the files with rows are.
+/// Sizes of the contents of the Parquet files, in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ByteCounts {
-    /// In images: PNG, and some 5 bytes each.
+    /// Images: PNG files with about 5 bytes of overhead each.
     pub images: u64,
-    /// In all other columns, compressed.
+    /// All other columns, compressed.
     pub labels: u64,
-    /// In indices and footers.
+    /// Indices and footers.
     pub metadata: u64,
-    /// All of them.
+    /// Total.
     pub total: u64,
 }
 
-impl DatasetStatistics {
-    /// Of a complete dataset: reads all columns but images and scenes, with the threads of the current rayon pool. Does not
-    /// depend on their number. Holds two numbers a row in memory, for the percentiles.
-    pub fn of(reader: &DatasetReader) -> Result<Self> {
-        let config = &reader.info().config;
-        let parts: Vec<Result<Counts>> =
-            reader.shards().into_par_iter().map(|rows| Counts::of(reader, rows)).collect();
-        let mut whole = Counts::new(config);
-        for part in parts {
-            whole.join(part?);
-        }
-        let mut bytes = ByteCounts { images: 0, labels: 0, metadata: 0, total: reader.info().bytes() };
-        for file in &reader.info().files {
-            bytes.add_columns(&reader.dir().join(&file.path))?;
-        }
-        bytes.metadata = bytes.total.saturating_sub(bytes.images + bytes.labels);
-        Ok(whole.finish(config, bytes))
-    }
-}
-
-impl PoseSpreads {
-    pub(crate) fn of(tallies: &[Tally; 6]) -> Self {
-        let [x_m, y_m, z_m, phi_rad, theta_rad, psi_rad] = tallies.map(|tally| tally.spread());
+impl PoseStats {
+    pub(super) fn new(axes: &[RunningStats; 6]) -> Self {
+        let [x_m, y_m, z_m, phi_rad, theta_rad, psi_rad] = axes.map(|axis| axis.summary());
         Self { x_m, y_m, z_m, phi_rad, theta_rad, psi_rad }
     }
 
-    /// In the order of the six numbers.
-    pub fn to_array(&self) -> [Spread; 6] {
+    /// Returns the statistics in the order of the six numbers.
+    pub fn to_array(&self) -> [SummaryStats; 6] {
         [self.x_m, self.y_m, self.z_m, self.phi_rad, self.theta_rad, self.psi_rad]
     }
 }
 
 impl HandStatistics {
-    /// Least distance of any joint from a limit \[rad\], and which joint it is, counted from 0.
+    /// Returns the smallest distance of any joint from a limit \[rad\], and the number of that joint, counted from 0.
     pub fn joint_margin(&self, limits: &[[f64; 2]; 6]) -> (f64, usize) {
         let margins = self.joints_rad.iter().zip(limits).enumerate();
         margins
@@ -175,14 +154,14 @@ impl HandStatistics {
 }
 
 impl NormStatistics {
-    pub(crate) fn of(mut values: Vec<f64>) -> Self {
-        let mut tally = Tally::EMPTY;
+    pub(super) fn new(mut values: Vec<f64>) -> Self {
+        let mut stats = RunningStats::EMPTY;
         for &value in &values {
-            tally.add(value);
+            stats.add(value);
         }
         values.sort_by(f64::total_cmp);
         Self {
-            spread: tally.spread(),
+            summary: stats.summary(),
             median: percentile(&values, 50.0),
             percentile_95: percentile(&values, 95.0),
         }
@@ -190,9 +169,19 @@ impl NormStatistics {
 }
 
 impl ByteCounts {
-    /// What the footer of a file says of its columns.
+    /// Reads the footers of all files.
+    pub(super) fn read(paths: impl Iterator<Item = PathBuf>, total: u64) -> Result<Self> {
+        let mut bytes = Self { images: 0, labels: 0, metadata: 0, total };
+        for path in paths {
+            bytes.add_columns(&path)?;
+        }
+        bytes.metadata = total.saturating_sub(bytes.images + bytes.labels);
+        Ok(bytes)
+    }
+
+    /// Adds the sizes of the columns, from the footer of a file.
     fn add_columns(&mut self, path: &Path) -> Result<()> {
-        let file = File::open(path).map_err(|source| io(path, source))?;
+        let file = File::open(path).map_err(Error::io(path))?;
         let metadata =
             ParquetMetaDataReader::new().parse_and_finish(&file).map_err(|error| damaged(path, &error))?;
         for column in metadata.row_groups().iter().flat_map(RowGroupMetaData::columns) {
@@ -207,8 +196,9 @@ impl ByteCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::row::{ApproachRow, AvoidanceRow, ImagesRow, Row, SceneRow};
-    use crate::tiny::{config, make};
+    use crate::fixture::{config, make};
+    use crate::read::DatasetReader;
+    use crate::row::{ApproachRow, AvoidanceRow, ExampleGenerator, ImagesRow, Row, SceneRow};
     use approx::assert_relative_eq;
     use tempfile::TempDir;
     use world::LabelForm;
@@ -222,7 +212,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         make(&config(name, ROWS), dir.path()).unwrap();
         let reader = DatasetReader::open(dir.path()).unwrap();
-        let statistics = DatasetStatistics::of(&reader).unwrap();
+        let statistics = DatasetStatistics::compute(&reader).unwrap();
         (dir, reader, statistics)
     }
 
@@ -230,8 +220,8 @@ mod tests {
         reader.all().unwrap().collect::<Result<_>>().unwrap()
     }
 
-    /// Two passes over the numbers themselves.
-    fn assert_spread(found: &Spread, numbers: &[f64]) {
+    /// Compares with a two-pass computation.
+    fn assert_summary(found: &SummaryStats, numbers: &[f64]) {
         let count = numbers.len() as f64;
         let mean = numbers.iter().sum::<f64>() / count;
         let variance = numbers.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
@@ -243,9 +233,9 @@ mod tests {
         assert_relative_eq!(found.std, variance.sqrt(), epsilon = 1e-9);
     }
 
-    fn assert_axes(found: &PoseSpreads, numbers: &[[f64; 6]]) {
-        for (axis, spread) in found.to_array().iter().enumerate() {
-            assert_spread(spread, &numbers.iter().map(|row| row[axis]).collect::<Vec<_>>());
+    fn assert_axes(found: &PoseStats, numbers: &[[f64; 6]]) {
+        for (axis, summary) in found.to_array().iter().enumerate() {
+            assert_summary(summary, &numbers.iter().map(|row| row[axis]).collect::<Vec<_>>());
         }
     }
 
@@ -255,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn approaches_are_what_their_poses_say() {
+    fn statistics_of_approaches_follow_from_their_poses() {
         let (_dir, reader, statistics) = dataset("c");
         let rows: Vec<ApproachRow> = all(&reader);
         let twists: Vec<_> = rows
@@ -267,7 +257,7 @@ mod tests {
         let distances: Vec<f64> = twists.iter().map(|twist| twist.translation.norm()).collect();
         let angles: Vec<f64> = twists.iter().map(|twist| twist.rotation.norm()).collect();
         for (found, mut numbers) in [(&found.translation_m, distances), (&found.rotation_rad, angles)] {
-            assert_spread(&found.spread, &numbers);
+            assert_summary(&found.summary, &numbers);
             numbers.sort_by(f64::total_cmp);
             // Ten numbers: the median is between the fifth and the sixth, the 95th percentile at rank 8.55.
             assert_relative_eq!(found.median, numbers[4].midpoint(numbers[5]), epsilon = 1e-12);
@@ -282,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_are_what_their_values_say() {
+    fn statistics_of_maps_follow_from_their_values() {
         let (_dir, reader, statistics) = dataset("avoid");
         let values: Vec<f64> = all::<AvoidanceRow>(&reader)
             .iter()
@@ -292,7 +282,7 @@ mod tests {
             values.iter().filter(|&&v| holds(v)).count() as f64 / values.len() as f64
         };
         let LabelStatistics::Values(found) = &statistics.labels else { panic!("{statistics:?}") };
-        assert_spread(&found.spread, &values);
+        assert_summary(&found.summary, &values);
         assert_relative_eq!(found.free, share(&|v| v == 0.0));
         assert_relative_eq!(found.blocked, share(&|v| v >= 0.5));
         assert_relative_eq!(found.tenths[0], share(&|v| v < 0.1));
@@ -302,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_counted_is_in_the_scenes() {
+    fn counts_agree_with_the_scenes() {
         let (_dir, reader, statistics) = dataset("c");
         let mut shapes = BTreeMap::new();
         let mut obstacles = BTreeMap::new();
@@ -314,9 +304,9 @@ mod tests {
         assert!(shapes.len() == 2 && obstacles.len() > 2);
         let mut motions = vec![0; 2];
         let config = config("c", ROWS);
-        let collector = crate::example::Collector::new(&config).unwrap();
+        let generator = ExampleGenerator::new(&config).unwrap();
         for index in 0..ROWS {
-            motions[collector.example(index).unwrap().placement.motion] += 1;
+            motions[generator.example(index).unwrap().placement.motion] += 1;
         }
         assert_eq!(statistics.motions.iter().map(|motion| motion.rows).collect::<Vec<_>>(), motions);
     }
@@ -342,12 +332,12 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_is_somewhere() {
+    fn sizes_add_up() {
         for name in ["c", "avoid"] {
             let (_dir, reader, DatasetStatistics { bytes, .. }) = dataset(name);
             let images = all::<ImagesRow>(&reader).into_iter().flat_map(|row| row.images);
             let png = images.map(|png| png.len() as u64).sum::<u64>();
-            // Lengths of images and headers of pages, of which these tiny files have many.
+            // The difference is lengths of images and page headers, of which these tiny files have many.
             assert!((png..png + png / 20).contains(&bytes.images), "{} of {png}", bytes.images);
             assert!(bytes.labels > 1000 && bytes.metadata > 1000, "{bytes:?}");
             assert_eq!(bytes.images + bytes.labels + bytes.metadata, reader.info().bytes());

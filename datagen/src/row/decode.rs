@@ -1,40 +1,34 @@
-//! Rows as a reader gets them: each kind of row reads only the columns it names.
+//! Decodes rows from Arrow columns. Each row type reads only its own columns.
 
+use super::batch::Batch;
 use crate::config::Kind;
-use crate::error::{Error, Result};
-use arrow_array::cast::AsArray as _;
-use arrow_array::types::{Float32Type, Float64Type, Int64Type, UInt64Type};
-use arrow_array::{
-    Array, BinaryArray, FixedSizeListArray, Int64Array, RecordBatch, StringArray, UInt64Array,
-};
-use nalgebra::{Isometry3, Point2, Quaternion, Translation3, Unit, Vector3};
-use std::path::Path;
+use crate::error::Result;
+use nalgebra::{Isometry3, Point2, Quaternion, Translation3, Unit};
 use world::Scene;
-use world::pose::HandPose;
 
-/// A part of a dataset's rows.
+/// A row type: a selection of the columns of a dataset.
 pub trait Row: Clone + Send {
-    /// Kind of the datasets that have it; `None` where both have.
+    /// Kind of the datasets with these columns; `None` if both kinds have them.
     const KIND: Option<Kind>;
-    /// The columns it is made of.
+    /// Columns of the row type.
     const COLUMNS: &'static [&'static str];
-    /// The rows of a batch that has these columns.
+    /// Decodes all rows of a batch with these columns.
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>>;
 }
 
-/// What the camera saw.
+/// The wrist images.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImagesRow {
-    /// Row of the dataset.
+    /// Row number in the dataset.
     pub index: u64,
-    /// PNG at each pose of the hand: current and goal of an approach, the only one of an avoidance map.
+    /// PNG image at each hand pose: current and goal pose of an approach, or the single pose of an avoidance map.
     pub images: Vec<Vec<u8>>,
 }
 
-/// The motion that `CNN_approach` learns.
+/// The hand poses of an approach, which determine the label of `CNN_approach`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ApproachRow {
-    /// Row of the dataset.
+    /// Row number in the dataset.
     pub index: u64,
     /// Current pose of the hand.
     pub robot_from_current: Isometry3<f64>,
@@ -42,60 +36,57 @@ pub struct ApproachRow {
     pub robot_from_goal: Isometry3<f64>,
 }
 
-/// The map that `CNN_avoid` learns.
+/// The avoidance map, the label of `CNN_avoid`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AvoidanceRow {
-    /// Row of the dataset.
+    /// Row number in the dataset.
     pub index: u64,
     /// Pose of the hand.
     pub robot_from_hand: Isometry3<f64>,
-    /// Avoidance map, Eq. (1): a value in `[0, 1]` a measuring point.
+    /// Avoidance map, Eq. (1): a value in `[0, 1]` for each measuring point.
     pub values: Vec<f32>,
 }
 
-/// What stood on the table.
+/// The scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneRow {
-    /// Row of the dataset.
+    /// Row number in the dataset.
     pub index: u64,
-    /// The scene, exactly as it was rendered.
+    /// Scene exactly as rendered.
     pub scene: Scene,
 }
 
-/// Which motion it is.
+/// The motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MotionRow {
-    /// Row of the dataset.
+    /// Row number in the dataset.
     pub index: u64,
-    /// Index into the configuration's motions.
+    /// Index of the motion in the configuration.
     pub motion: usize,
 }
 
-/// The camera that saw it.
+/// The camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraRow {
-    /// Row of the dataset.
+    /// Row number in the dataset.
     pub index: u64,
     /// Focal length, the same along both axes \[pixels\].
     pub focal: f64,
     /// Principal point \[pixels\].
     pub center: Point2<f64>,
-    /// Mount.
+    /// Mount of the camera on the hand.
     pub hand_from_camera: Isometry3<f64>,
 }
 
 impl Row for ImagesRow {
     const KIND: Option<Kind> = None;
-    /// A dataset has the first, or the other two.
+    /// Columns of both kinds of dataset; each dataset has one or two of the images.
     const COLUMNS: &'static [&'static str] =
         &["index", "image.bytes", "image_current.bytes", "image_goal.bytes"];
 
     fn decode(batch: &Batch<'_>) -> Result<Vec<Self>> {
         let index = batch.counts("index")?;
-        let names: &[_] = match batch.columns.column_by_name("image") {
-            Some(_) => &["image"],
-            None => &["image_current", "image_goal"],
-        };
+        let names: &[_] = if batch.has("image") { &["image"] } else { &["image_current", "image_goal"] };
         let columns = names.iter().map(|name| batch.images(name)).collect::<Result<Vec<_>>>()?;
         let row = |i: usize| Self {
             index: index.value(i),
@@ -187,89 +178,14 @@ impl Row for CameraRow {
     }
 }
 
-/// Some rows of a file, and which file.
-pub struct Batch<'a> {
-    pub(crate) path: &'a Path,
-    pub(crate) columns: &'a RecordBatch,
-}
-
-impl Batch<'_> {
-    pub(crate) fn rows(&self) -> usize {
-        self.columns.num_rows()
-    }
-
-    pub(crate) fn counts(&self, name: &str) -> Result<&UInt64Array> {
-        self.column(name)?.as_primitive_opt::<UInt64Type>().ok_or_else(|| self.wrong(name))
-    }
-
-    pub(crate) fn texts(&self, name: &str) -> Result<&StringArray> {
-        self.column(name)?.as_string_opt::<i32>().ok_or_else(|| self.wrong(name))
-    }
-
-    fn lists(&self, name: &str) -> Result<&FixedSizeListArray> {
-        self.column(name)?.as_fixed_size_list_opt().ok_or_else(|| self.wrong(name))
-    }
-
-    fn images(&self, name: &str) -> Result<&BinaryArray> {
-        let bytes = self.column(name)?.as_struct_opt().and_then(|image| image.column_by_name("bytes"));
-        bytes.and_then(|bytes| bytes.as_binary_opt::<i32>()).ok_or_else(|| self.wrong(name))
-    }
-
-    fn poses(&self, name: &str) -> Result<Vec<HandPose>> {
-        let pose = |v: [f64; 6]| HandPose {
-            position: Vector3::new(v[0], v[1], v[2]),
-            angles: Vector3::new(v[3], v[4], v[5]),
-        };
-        Ok(self.doubles(name)?.into_iter().map(pose).collect())
-    }
-
-    /// Rows of N exact numbers.
-    pub(crate) fn doubles<const N: usize>(&self, name: &str) -> Result<Vec<[f64; N]>> {
-        let numbers = self.lists(name)?.values().as_primitive_opt::<Float64Type>();
-        let (rows, rest) = numbers.ok_or_else(|| self.wrong(name))?.values().as_chunks();
-        let fits = rest.is_empty() && rows.len() == self.rows();
-        if fits { Ok(rows.to_vec()) } else { Err(self.wrong(name)) }
-    }
-
-    /// Rows of as many numbers as networks take.
-    pub(crate) fn maps(&self, name: &str) -> Result<Vec<&[f32]>> {
-        let lists = self.lists(name)?;
-        let numbers = lists.values().as_primitive_opt::<Float32Type>().ok_or_else(|| self.wrong(name))?;
-        Ok(numbers.values().chunks_exact(lists.value_length().max(1) as usize).collect())
-    }
-
-    /// Indices into names.
-    pub(crate) fn classes(&self, name: &str) -> Result<&Int64Array> {
-        self.column(name)?.as_primitive_opt::<Int64Type>().ok_or_else(|| self.wrong(name))
-    }
-
-    fn column(&self, name: &str) -> Result<&dyn Array> {
-        let column = self.columns.column_by_name(name).filter(|column| column.null_count() == 0);
-        column.map(AsRef::as_ref).ok_or_else(|| self.wrong(name))
-    }
-
-    /// The error for a column that flowservo would not have written so.
-    pub(crate) fn wrong(&self, name: &str) -> Error {
-        let found = match self.columns.column_by_name(name) {
-            Some(column) => {
-                format!("values of type {} with {} nulls", column.data_type(), column.null_count())
-            }
-            None => "no such column".to_owned(),
-        };
-        Error::Damaged {
-            path: self.path.to_owned(),
-            expected: format!("column {name} as flowservo writes it"),
-            found,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reader::DatasetReader;
-    use crate::tiny::{config, make};
+    use crate::fixture::{config, make};
+    use crate::read::DatasetReader;
+    use nalgebra::Vector3;
     use world::Camera;
+    use world::pose::HandPose;
     use world::units::{to_deg, to_mm};
 
     /// Height of the reference point \[mm\], and half-widths \[mm, degrees\], as printed in Section 6.2 of the paper.

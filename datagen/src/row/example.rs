@@ -1,61 +1,60 @@
-//! One example: what a row of a dataset holds, made from its index alone.
+//! One example: the content of a row, generated from its index alone.
 
-use crate::config::{DatasetConfig, Kind};
+use super::png;
+use crate::config::{ConfigError, DatasetConfig, Kind};
 use crate::error::{Error, Result};
-use crate::placement::{HandPlacement, Placement, Sampler};
-use crate::png;
-use crate::randomization::Randomizer;
-use crate::range::stream;
+use crate::scene::{HandPlacement, Placement, Randomizer, Sampler, stream};
 use nalgebra::Isometry3;
 use world::Sensor;
 use world::environment::Environment;
 
-/// One example.
+/// The content of one row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
-    /// Its index in the dataset, and the number of its random stream.
+    /// Index in the dataset, and number of the random stream.
     pub index: u64,
     /// Scene and hand poses.
     pub placement: Placement,
-    /// The camera's mount on the hand.
+    /// Mount of the camera on the hand.
     pub hand_from_camera: Isometry3<f64>,
-    /// What the camera's sensor did to the images.
+    /// Blur and noise of the camera.
     pub sensor: Sensor,
-    /// The wrist image of each hand pose, as PNG.
+    /// Wrist image at each hand pose, as PNG.
     pub images: Vec<Vec<u8>>,
-    /// Avoidance map of the only hand pose, Eq. (1); empty for an approach.
+    /// Avoidance map at the single hand pose, Eq. (1); empty for an approach.
     pub avoidance: Vec<f32>,
 }
 
-/// Makes the examples of one configuration.
-pub struct Collector<'a> {
+/// Generates the examples of one configuration.
+pub struct ExampleGenerator<'a> {
     config: &'a DatasetConfig,
     environment: Environment,
 }
 
-impl<'a> Collector<'a> {
-    /// Builds the environment.
+impl<'a> ExampleGenerator<'a> {
+    /// Validates the configuration and builds its environment.
     pub fn new(config: &'a DatasetConfig) -> Result<Self> {
         config.validate()?;
-        Ok(Self { config, environment: Environment::new(&config.world)? })
+        let environment = Environment::new(&config.world).map_err(ConfigError::from)?;
+        Ok(Self { config, environment })
     }
 
-    /// The configuration.
+    /// Returns the configuration.
     pub fn config(&self) -> &DatasetConfig {
         self.config
     }
 
-    /// The environment of the dataset.
+    /// Returns the environment.
     pub fn environment(&self) -> &Environment {
         &self.environment
     }
 
-    /// Makes one example: a pure function of the configuration and `index`.
+    /// Generates one example: a pure function of the configuration and `index`.
     pub fn example(&self, index: u64) -> Result<Example> {
-        self.collect(index).map_err(|source| Error::Example { index, source: Box::new(source) })
+        self.try_example(index).map_err(|source| Error::Example { index, source: Box::new(source) })
     }
 
-    fn collect(&self, index: u64) -> Result<Example> {
+    fn try_example(&self, index: u64) -> Result<Example> {
         let DatasetConfig { target, obstacles, motions, rejection, .. } = self.config;
         let mut randomizer = Randomizer::new(self.config, index);
         let hand_from_camera = randomizer.mount(&self.environment.camera.hand_from_camera);

@@ -1,13 +1,13 @@
-//! The columns in the words of Hugging Face's `datasets`: as JSON in the files, as YAML on the card.
+//! The columns as Hugging Face `datasets` features: JSON in the Parquet files, YAML on the card.
 
-use crate::schema::{Column, Content};
+use super::column::{Column, Content};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 
-/// Key of the features in the metadata of Arrow schema and Parquet footer.
+/// Key of the features in the metadata of the Arrow schema and of the Parquet footer.
 pub const KEY: &str = "huggingface";
 
-/// `{"info": {"features": {...}}}`, as `datasets` writes it.
+/// Returns `{"info": {"features": {...}}}`, in the form that `datasets` writes.
 pub fn json(columns: &[Column]) -> String {
     let features: Map<String, Value> =
         columns.iter().map(|column| (column.name.to_owned(), feature(&column.content))).collect();
@@ -28,7 +28,7 @@ fn feature(content: &Content) -> Value {
     }
 }
 
-/// The same as the items of `dataset_info.features` on a card.
+/// Returns the items of `dataset_info.features` on a card.
 pub fn yaml(columns: &[Column]) -> String {
     let mut text = String::new();
     for Column { name, content, .. } in columns {
@@ -57,12 +57,13 @@ fn classes(names: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{schema, tiny};
+    use crate::fixture;
+    use crate::row::column::columns;
 
-    /// The expected text is what `datasets` 5.2.0 itself writes for these types.
+    /// The expected text is what `datasets` 5.2.0 writes for these types.
     #[test]
     fn features_are_described_as_datasets_describes_them() {
-        let text = json(&schema::columns(&tiny::config("avoid", 1)));
+        let text = json(&columns(&fixture::config("avoid", 1)));
         let features: Value = serde_json::from_str(&text).unwrap();
         let features = &features["info"]["features"];
         assert_eq!(features["image"].to_string(), r#"{"_type":"Image"}"#);

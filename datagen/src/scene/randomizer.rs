@@ -1,13 +1,10 @@
-//! Domain randomization: light, colors, textures and the camera differ from example to example. Beyond the paper; off in its
-//! datasets.
+//! Domain randomization of light, colors, textures and camera. It goes beyond the paper, whose datasets leave it off.
 //!
-//! Its numbers come from a random stream of their own, in a fixed order whatever is on: what stands where and how the hand moves
-//! remain those of the same seed without it (unless another mount loses sight of the target), and turning on noise does not
-//! change a color.
+//! It has its own random stream and always draws all numbers in the same order. Scenes and motions are therefore the same as
+//! without it, unless a changed mount loses sight of the target. For the same reason, turning on noise does not change a color.
 
-use crate::config::DatasetConfig;
-use crate::randomization_config::{RandomizationConfig, TextureRange};
-use crate::range::{stream, uniform};
+use super::random::{stream, uniform};
+use crate::config::{DatasetConfig, RandomizationConfig, TextureRange};
 use nalgebra::{Isometry3, UnitQuaternion, UnitVector3, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -16,10 +13,10 @@ use world::scene::Color;
 use world::units::{deg, mm};
 use world::{Light, Scene, Sensor, Texture};
 
-/// Streams of datasets have the numbers of their rows, which are below this.
+/// First stream for randomization. The streams of placements are numbered by row, and stay below it.
 const FIRST_STREAM: u64 = 1 << 40;
 
-/// What one example draws.
+/// Randomization of one example.
 #[derive(Debug)]
 pub struct Randomizer<'a> {
     config: &'a RandomizationConfig,
@@ -27,34 +24,34 @@ pub struct Randomizer<'a> {
 }
 
 impl<'a> Randomizer<'a> {
-    /// For one example of a dataset.
+    /// Starts the random stream of one example.
     pub fn new(config: &'a DatasetConfig, index: u64) -> Self {
         Self { config: &config.randomization, rng: stream(config.seed, FIRST_STREAM + index) }
     }
 
-    /// The camera's mount with its error.
+    /// Draws the error of the camera mount, and returns the resulting mount.
     pub fn mount(&mut self, hand_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
         let shift = self.vector(mm(self.config.camera.shift_mm));
         let turn = self.vector(deg(self.config.camera.turn_deg));
         let error = Isometry3::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn));
-        // The product with nothing would change a bit or two.
+        // A product with the identity could change the last bits.
         if error == Isometry3::identity() { *hand_from_camera } else { hand_from_camera * error }
     }
 
-    /// What the sensor does to images.
+    /// Draws the blur and noise of the sensor.
     pub fn sensor(&mut self) -> Sensor {
         let camera = &self.config.camera;
         let blur = uniform(camera.blur, &mut self.rng);
         Sensor { blur, noise: uniform(camera.noise, &mut self.rng) }
     }
 
-    /// Light, colors and textures of a scene.
+    /// Draws light, colors and textures of a scene.
     pub fn dress(&mut self, scene: &mut Scene) {
         scene.light = self.light(&scene.light);
         let (colors, textures) = (&self.config.colors, &self.config.texture);
         scene.background = self.color(scene.background, colors.background);
         scene.table.color = self.color(scene.table.color, colors.table);
-        // The table has no depth for a pattern to be long in.
+        // The pattern of the table is stretched along x or y only, because the table is flat.
         scene.table.texture = self.texture(&textures.table, 2);
         let spreads = std::iter::once(colors.target).chain(std::iter::repeat(colors.obstacles));
         for (body, spread) in std::iter::once(&mut scene.target).chain(&mut scene.obstacles).zip(spreads) {
@@ -66,7 +63,7 @@ impl<'a> Randomizer<'a> {
         }
     }
 
-    /// A seed for what one image has alone: its noise.
+    /// Draws the seed of the noise in one image.
     pub fn seed(&mut self) -> u64 {
         self.rng.random()
     }
@@ -74,7 +71,7 @@ impl<'a> Randomizer<'a> {
     fn light(&mut self, light: &Light) -> Light {
         let spread = &self.config.light;
         let cone = deg(self.config.light.cone_deg);
-        // Even on a cap of the sphere is even in height (Archimedes).
+        // A uniform distribution on a spherical cap is uniform in height (Archimedes).
         let height = 1.0 - self.rng.random::<f64>() * (1.0 - libm::cos(cone));
         let (sin, cos) = libm::sincos(TAU * self.rng.random::<f64>());
         let ambient =
@@ -110,16 +107,14 @@ impl<'a> Randomizer<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::example::{Collector, Example};
-    use crate::object_config::ShapeName;
-    use crate::png;
-    use crate::reader::DatasetReader;
-    use crate::row::SceneRow;
-    use crate::tiny::{self, config, make};
+    use crate::config::ShapeName;
+    use crate::fixture::{config, make};
+    use crate::read::DatasetReader;
+    use crate::row::{Example, ExampleGenerator, SceneRow, png};
     use world::units::{to_deg, to_mm};
     use world::{Camera, Renderer, Shape};
 
-    /// Dataset C with everything on that leaves the camera where it is.
+    /// A dataset with all randomization that does not move the camera.
     fn dressed(name: &str) -> DatasetConfig {
         let mut config = config(name, 1);
         let RandomizationConfig { light, colors, texture, camera } = &mut config.randomization;
@@ -132,22 +127,22 @@ mod tests {
     }
 
     fn example(config: &DatasetConfig, index: u64) -> Example {
-        Collector::new(config).unwrap().example(index).unwrap()
+        ExampleGenerator::new(config).unwrap().example(index).unwrap()
     }
 
     #[test]
     fn where_it_is_off_everything_is_as_the_world_says() {
         let config = config("c", 1);
-        let collector = Collector::new(&config).unwrap();
+        let generator = ExampleGenerator::new(&config).unwrap();
         for index in 0..5 {
-            let Example { placement, hand_from_camera, sensor, .. } = collector.example(index).unwrap();
+            let Example { placement, hand_from_camera, sensor, .. } = generator.example(index).unwrap();
             let bodies = |body: &world::Body| (body.shape, body.robot_from_body);
             let [target, obstacles @ ..] = &placement.scene.bodies().map(bodies).collect::<Vec<_>>()[..]
             else {
                 panic!("no target")
             };
-            assert_eq!(placement.scene, collector.environment().scene(*target, obstacles.to_vec()));
-            assert_eq!(hand_from_camera, collector.environment().camera.hand_from_camera);
+            assert_eq!(placement.scene, generator.environment().scene(*target, obstacles.to_vec()));
+            assert_eq!(hand_from_camera, generator.environment().camera.hand_from_camera);
             assert_eq!((sensor.blur, sensor.noise), (0.0, 0.0));
         }
     }
@@ -188,9 +183,9 @@ mod tests {
         fills(&mut scenes().map(|s| s.table.texture.unwrap().contrast), [0.2, 0.6]);
         fills(&mut scenes().map(|s| to_mm(s.target.material.texture.unwrap().grain.min())), [2.0, 20.0]);
         fills(&mut drawn.iter().map(|example| example.sensor.noise), [0.01, 0.05]);
-        // White at 0.95 cannot become lighter than 1.
+        // White is 0.95 and cannot exceed 1.
         assert!(scenes().all(|s| s.target.material.color[0] <= 1.0));
-        // Even on a cap, the mean cosine is half way between its axis and its rim.
+        // Uniformly on a cap, the mean cosine is halfway between the axis and the rim.
         let cosines: Vec<f64> = scenes().map(|s| s.light.towards_light.dot(&nominal.towards_light)).collect();
         let rim = libm::cos(deg(40.0));
         fills(&mut cosines.iter().copied(), [rim, 1.0]);
@@ -202,11 +197,11 @@ mod tests {
     fn a_mount_is_off_by_no_more_than_asked_and_decides_what_is_seen() {
         let mut config = config("a", 1);
         (config.randomization.camera.shift_mm, config.randomization.camera.turn_deg) = (5.0, 3.0);
-        let collector = Collector::new(&config).unwrap();
-        let nominal = collector.environment().camera.clone();
+        let generator = ExampleGenerator::new(&config).unwrap();
+        let nominal = generator.environment().camera.clone();
         let mut greatest = (0.0, 0.0);
         for index in 0..100 {
-            let Example { placement, hand_from_camera, .. } = collector.example(index).unwrap();
+            let Example { placement, hand_from_camera, .. } = generator.example(index).unwrap();
             let error = nominal.hand_from_camera.inv_mul(&hand_from_camera);
             let (shift, turn) =
                 (to_mm(error.translation.vector.amax()), to_deg(error.rotation.scaled_axis().amax()));
@@ -220,7 +215,7 @@ mod tests {
         assert!(greatest.0 > 4.5 && greatest.1 > 2.7, "{greatest:?}");
     }
 
-    /// Nothing but the row is needed to see what the camera saw.
+    /// The images can be reproduced from the row alone.
     #[test]
     fn a_row_says_all_that_its_images_show() {
         let mut config = dressed("c");
@@ -253,7 +248,7 @@ mod tests {
                 assert!((body.robot_from_body.translation.z - radius - scene.table.height()).abs() < 1e-12);
             }
         }
-        let mut config = tiny::config("b", 1);
+        let mut config = crate::fixture::config("b", 1);
         (config.target.yaw_deg, config.target.hand_follows_yaw) = ([-60.0, 60.0], true);
         let mut turned = 0.0;
         for index in 0..30 {

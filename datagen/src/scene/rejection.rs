@@ -1,13 +1,13 @@
-//! Why drawn examples were turned down, and how often.
+//! Reasons for rejecting a draw, and how often each applied.
 
 use std::fmt;
 
-/// Why a drawn example was turned down.
+/// Reason for rejecting a draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reason {
-    /// The target's centre lies outside an image.
+    /// The center of the target is outside an image.
     OutOfSight,
-    /// An obstacle stands too close to the target or to another obstacle.
+    /// An obstacle is too close to the target or to another obstacle.
     Crowded,
     /// The hand touches the table.
     TouchesTable,
@@ -47,24 +47,24 @@ impl fmt::Display for Reason {
     }
 }
 
-/// How often each reason applied.
+/// Number of rejected draws by reason; the error when no draw was acceptable.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Rejections {
     counts: [u32; REASONS.len()],
 }
 
 impl Rejections {
-    /// Counts one more.
+    /// Counts a rejection.
     pub fn add(&mut self, reason: Reason) {
         self.counts[reason as usize] += 1;
     }
 
-    /// How often a reason applied.
+    /// Returns the number of rejections for a reason.
     pub fn of(&self, reason: Reason) -> u32 {
         self.counts[reason as usize]
     }
 
-    /// All that were counted.
+    /// Returns the number of all rejections.
     pub fn total(&self) -> u32 {
         self.counts.iter().sum()
     }
@@ -72,13 +72,15 @@ impl Rejections {
 
 impl fmt::Display for Rejections {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{} draws were rejected", self.total())?;
+        write!(formatter, "no acceptable scene: {} draws were rejected", self.total())?;
         let mut applied: Vec<Reason> = REASONS.into_iter().filter(|&reason| self.of(reason) > 0).collect();
         applied.sort_by_key(|&reason| std::cmp::Reverse(self.of(reason)));
         for (i, reason) in applied.into_iter().enumerate() {
             let separator = if i == 0 { ':' } else { ',' };
             write!(formatter, "{separator} {} x {reason}", self.of(reason))?;
         }
-        Ok(())
+        formatter.write_str("; relax the most frequent constraint, or raise rejection.tries")
     }
 }
+
+impl std::error::Error for Rejections {}

@@ -1,17 +1,14 @@
-//! Target and obstacles on the table, and hand poses above them: rejection sampling with a bound (paper, Section 6.2).
-//!
-//! Datasets and servo sessions are placed by the same code.
+//! Bounded rejection sampling of scenes and hand poses (paper, Section 6.2).
 
-use crate::config::{MotionConfig, Obstruction, RejectionConfig};
-use crate::error::{Error, Result};
-use crate::object_config::{ObstacleConfig, ShapeName, TargetConfig};
-use crate::range::{PoseRange, uniform};
-use crate::rejection::{Reason, Rejections};
+use super::placement::{HandPlacement, Placement};
+use super::pose_range::PoseRange;
+use super::random::uniform;
+use super::rejection::{Reason, Rejections};
+use crate::config::{MotionConfig, ObstacleConfig, Obstruction, RejectionConfig, ShapeName, TargetConfig};
 use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
-use world::arm::JointVector;
 use world::config::CameraConfig;
 use world::environment::Environment;
 use world::geometry;
@@ -19,27 +16,7 @@ use world::pose::HandPose;
 use world::units::{deg, mm};
 use world::{Camera, Renderer, Scene, Shape, Table};
 
-/// A scene, and the hand in it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Placement {
-    /// Index of the motion in the configuration.
-    pub motion: usize,
-    /// What stands on the table.
-    pub scene: Scene,
-    /// Current and goal pose of an approach; the only pose where no motion is made.
-    pub hands: Vec<HandPlacement>,
-}
-
-/// A hand pose that the arm reaches.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HandPlacement {
-    /// The pose.
-    pub pose: HandPose,
-    /// Joint angles that take the hand there \[rad\].
-    pub joints: JointVector,
-}
-
-/// Draws placements that fulfill what a configuration asks for.
+/// Draws placements that satisfy a configuration.
 #[derive(Clone)]
 pub struct Sampler<'a> {
     environment: &'a Environment,
@@ -51,7 +28,7 @@ pub struct Sampler<'a> {
 }
 
 impl<'a> Sampler<'a> {
-    /// From validated parts of a configuration.
+    /// Creates a sampler from validated parts of a configuration.
     pub fn new(
         environment: &'a Environment,
         target: &'a TargetConfig,
@@ -63,18 +40,18 @@ impl<'a> Sampler<'a> {
         Self { environment, camera, target, obstacles, motions, rejection }
     }
 
-    /// The same for a camera that is mounted differently.
+    /// Replaces the mount of the camera.
     #[must_use]
     pub fn mounted(mut self, hand_from_camera: &Isometry3<f64>) -> Self {
         self.camera.hand_from_camera = *hand_from_camera;
         self
     }
 
-    /// Draws a placement.
+    /// Draws a placement, with at most `rejection.tries` attempts.
     ///
-    /// The motion and the number of obstacles are drawn once, so that rejection shifts neither; all else is drawn again
-    /// until it is acceptable.
-    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Result<Placement> {
+    /// The motion and the number of obstacles are drawn once, so that rejection does not change their distributions.
+    /// Everything else is drawn anew in each attempt.
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Result<Placement, Rejections> {
         let motion = self.motion(rng);
         let [from, to] = self.obstacles.count;
         let count = rng.random_range(from..=to);
@@ -85,7 +62,7 @@ impl<'a> Sampler<'a> {
                 Err(reason) => rejections.add(reason),
             }
         }
-        Err(Error::Unplaceable(rejections))
+        Err(rejections)
     }
 
     fn motion(&self, rng: &mut ChaCha8Rng) -> usize {
@@ -95,16 +72,11 @@ impl<'a> Sampler<'a> {
             upper += motion.share;
             draw < upper
         });
-        // Shares add up to 1 but for rounding.
+        // Rounding can leave the sum of the shares just below 1.
         drawn.unwrap_or(self.motions.len() - 1)
     }
 
-    fn attempt(
-        &self,
-        motion: usize,
-        obstacles: u32,
-        rng: &mut ChaCha8Rng,
-    ) -> std::result::Result<Placement, Reason> {
+    fn attempt(&self, motion: usize, obstacles: u32, rng: &mut ChaCha8Rng) -> Result<Placement, Reason> {
         let environment = self.environment;
         let (target, yaw) = self.draw_target(rng);
         let center = target.1.translation.vector.into();
@@ -112,7 +84,7 @@ impl<'a> Sampler<'a> {
         let ranges = self.motions[motion].ranges().map(PoseRange::new);
         let poses: Vec<HandPose> = ranges.map(|range| range.sample(&center, turn, rng)).collect();
         let hands: Vec<Isometry3<f64>> = poses.iter().map(HandPose::robot_from_hand).collect();
-        // Cheap questions come first.
+        // The cheap checks come first.
         if !hands.iter().all(|robot_from_hand| self.camera.sees(robot_from_hand, &center)) {
             return Err(Reason::OutOfSight);
         }
@@ -132,7 +104,7 @@ impl<'a> Sampler<'a> {
         Ok(Placement { motion, scene, hands: placed })
     }
 
-    /// The target with its pose, and its yaw.
+    /// Draws the target with its pose, and returns its yaw as well.
     fn draw_target(&self, rng: &mut ChaCha8Rng) -> ((Shape, Isometry3<f64>), f64) {
         let config = self.target;
         let sides = [config.short_side_mm, config.long_side_mm, config.height_mm];
@@ -152,14 +124,14 @@ impl<'a> Sampler<'a> {
         (shape, self.on_table(&shape, &(around + Vector2::new(cos, sin) * distance), yaw))
     }
 
-    /// Pose of a body that stands on the table.
+    /// Returns the pose of a body standing on the table.
     fn on_table(&self, shape: &Shape, place: &Point2<f64>, yaw: f64) -> Isometry3<f64> {
         let height = Table::new(&self.environment.config.table).height() + shape.half_extents().z;
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
         Isometry3::from_parts(Translation3::new(place.x, place.y, height), rotation)
     }
 
-    fn check_gaps(&self, scene: &Scene) -> std::result::Result<(), Reason> {
+    fn check_gaps(&self, scene: &Scene) -> Result<(), Reason> {
         let gap = mm(self.obstacles.gap_mm);
         for (i, obstacle) in scene.obstacles.iter().enumerate() {
             let mut others = std::iter::once(&scene.target).chain(&scene.obstacles[..i]);
@@ -170,11 +142,7 @@ impl<'a> Sampler<'a> {
         Ok(())
     }
 
-    fn check_contacts(
-        &self,
-        robot_from_hand: &Isometry3<f64>,
-        scene: &Scene,
-    ) -> std::result::Result<(), Reason> {
+    fn check_contacts(&self, robot_from_hand: &Isometry3<f64>, scene: &Scene) -> Result<(), Reason> {
         let contacts = self.environment.hand.contacts(robot_from_hand, scene);
         for &obstruction in &self.rejection.clear_of {
             let (touched, reason) = match obstruction {
@@ -189,35 +157,31 @@ impl<'a> Sampler<'a> {
         Ok(())
     }
 
-    fn check_visibility(
-        &self,
-        robot_from_hand: &Isometry3<f64>,
-        scene: &Scene,
-    ) -> std::result::Result<(), Reason> {
-        let judge = Renderer::new(judging(&self.camera, &self.environment.config.camera));
+    fn check_visibility(&self, robot_from_hand: &Isometry3<f64>, scene: &Scene) -> Result<(), Reason> {
+        let renderer = Renderer::new(low_resolution(&self.camera, &self.environment.config.camera));
         let robot_from_camera = robot_from_hand * self.camera.hand_from_camera;
-        let visible = judge.pixels_of(TARGET, scene, &robot_from_camera);
-        let Camera { width, height, .. } = judge.camera();
+        let visible = renderer.pixels_of(TARGET, scene, &robot_from_camera);
+        let Camera { width, height, .. } = renderer.camera();
         let enough = visible as f64 >= self.rejection.min_target_area * f64::from(width * height);
         if enough { Ok(()) } else { Err(Reason::HardlyVisible) }
     }
 }
 
-/// Width of the images on which the target's area is measured: quick, and the scenes of a dataset do not depend on the
-/// resolution of its images.
-const JUDGED_WIDTH: u32 = 64;
+/// Width of the images in which the area of the target is measured. A fixed, low resolution is fast, and makes the scenes
+/// independent of the resolution of the dataset.
+const VISIBILITY_WIDTH: u32 = 64;
 
-/// A camera of few pixels in the place of one.
-fn judging(camera: &Camera, config: &CameraConfig) -> Camera {
-    let height = (JUDGED_WIDTH * config.height / config.width).max(1);
-    let judging = Camera::new(&CameraConfig { width: JUDGED_WIDTH, height, ..config.clone() });
-    Camera { hand_from_camera: camera.hand_from_camera, ..judging }
+/// Returns the low-resolution camera with the same view.
+fn low_resolution(camera: &Camera, config: &CameraConfig) -> Camera {
+    let height = (VISIBILITY_WIDTH * config.height / config.width).max(1);
+    let low = Camera::new(&CameraConfig { width: VISIBILITY_WIDTH, height, ..config.clone() });
+    Camera { hand_from_camera: camera.hand_from_camera, ..low }
 }
 
-/// The target's number in an instance map.
+/// Number of the target in an instance map.
 const TARGET: u16 = 1;
 
-/// Draws a shape with `[short side, long side, height]`.
+/// Draws a shape; the sides are `[short side, long side, height]`.
 fn draw_shape(shapes: &[ShapeName], [short, long, height]: [[f64; 2]; 3], rng: &mut ChaCha8Rng) -> Shape {
     let name = shapes[rng.random_range(0..shapes.len())];
     let short = uniform(short, rng);
@@ -234,8 +198,8 @@ fn draw_shape(shapes: &[ShapeName], [short, long, height]: [[f64; 2]; 3], rng: &
 mod tests {
     use super::*;
     use crate::config::DatasetConfig;
-    use crate::range::stream;
-    use crate::tiny;
+    use crate::fixture;
+    use crate::scene::stream;
     use world::units::to_mm;
 
     fn draws(config: &DatasetConfig, count: u64) -> Vec<Placement> {
@@ -247,7 +211,7 @@ mod tests {
 
     #[test]
     fn what_is_drawn_is_what_was_asked_for() {
-        let config = tiny::config("c", 1);
+        let config = fixture::config("c", 1);
         let environment = Environment::new(&config.world).unwrap();
         for placement in draws(&config, 40) {
             let Placement { scene, hands, .. } = &placement;
@@ -274,7 +238,7 @@ mod tests {
 
     #[test]
     fn sizes_follow_the_paper() {
-        for placement in draws(&tiny::config("b", 1), 60) {
+        for placement in draws(&fixture::config("b", 1), 60) {
             let target = placement.scene.target;
             let [x, y, z] = target.shape.half_extents().map(|half| to_mm(2.0 * half)).into();
             assert!((30.0..=60.0).contains(&y) && (20.0..=60.0).contains(&z), "{y} {z}");
@@ -287,7 +251,7 @@ mod tests {
 
     #[test]
     fn the_same_scenes_are_drawn_at_any_resolution() {
-        let mut fine = tiny::config("c", 1);
+        let mut fine = fixture::config("c", 1);
         let coarse = draws(&fine, 5);
         (fine.world.camera.width, fine.world.camera.height) = (80, 60);
         assert_eq!(draws(&fine, 5), coarse);
@@ -295,7 +259,7 @@ mod tests {
 
     #[test]
     fn rejection_shifts_neither_motions_nor_the_number_of_obstacles() {
-        let mut config = tiny::config("avoid", 1);
+        let mut config = fixture::config("avoid", 1);
         config.obstacles.count = [0, 1];
         let placements = draws(&config, 200);
         let share = |holds: fn(&Placement) -> bool| placements.iter().filter(|&p| holds(p)).count();
@@ -307,16 +271,13 @@ mod tests {
     #[test]
     fn a_scene_that_cannot_be_placed_is_an_error_that_says_why() {
         let refused = |change: fn(&mut DatasetConfig)| {
-            let mut config = tiny::config("c", 1);
+            let mut config = fixture::config("c", 1);
             config.rejection.tries = 50;
             change(&mut config);
             let environment = Environment::new(&config.world).unwrap();
             let DatasetConfig { target, obstacles, motions, rejection, .. } = &config;
             let sampler = Sampler::new(&environment, target, obstacles, motions, rejection);
-            match sampler.draw(&mut stream(0, 0)).unwrap_err() {
-                Error::Unplaceable(rejections) => rejections,
-                error => panic!("{error}"),
-            }
+            sampler.draw(&mut stream(0, 0)).unwrap_err()
         };
         let far = refused(|c| (c.target.x_mm, c.obstacles.count) = ([900.0, 950.0], [0, 0]));
         assert!(far.of(Reason::Unreachable) > 0 && far.total() == 50, "{far}");

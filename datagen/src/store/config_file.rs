@@ -1,75 +1,70 @@
-//! `config.toml` of a dataset: written first, so that an unfinished folder says what it is part of.
+//! `config.toml` of a dataset: published first, so that the folder belongs to one configuration from the beginning.
 
 use crate::config::DatasetConfig;
+use crate::digest::digest;
 use crate::error::{Error, Result};
-use crate::info::{self, config_digest};
-use crate::publish::{io, publish};
-use crate::record::ShardRecord;
+use crate::publish::publish;
 use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 /// Name of the file.
-pub const FILE_NAME: &str = "config.toml";
+pub(super) const FILE_NAME: &str = "config.toml";
 
-/// The configuration that a folder says it is of; `None` if it says nothing.
-pub fn read(dir: &Path) -> Result<Option<DatasetConfig>> {
+/// Reads the configuration of a folder, or returns `None` if it has none.
+pub(super) fn read(dir: &Path) -> Result<Option<DatasetConfig>> {
     let path = dir.join(FILE_NAME);
     let text = match std::fs::read_to_string(&path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        found => found.map_err(|source| io(&path, source))?,
+        found => found.map_err(Error::io(&path))?,
     };
-    let config =
-        toml::from_str(&text).map_err(|error| Error::NoRecipe { path, found: error.message().to_owned() })?;
+    let config = toml::from_str(&text)
+        .map_err(|error| Error::NotDatasetConfig { path, found: error.message().to_owned() })?;
     Ok(Some(config))
 }
 
-/// The file's text: the complete configuration.
-pub fn text(config: &DatasetConfig) -> Result<String> {
+/// Formats a configuration as the content of the file.
+pub(super) fn text(config: &DatasetConfig) -> Result<String> {
     Ok(toml::to_string(config)?)
 }
 
-/// Makes a folder that of a configuration, if it is not yet; refuses one that is of another.
-pub(crate) fn claim(config: &DatasetConfig, dir: &Path) -> Result<()> {
+/// Returns the SHA-256 of a configuration in its JSON form, which is independent of comments and key order.
+pub(super) fn config_digest(config: &DatasetConfig) -> Result<String> {
+    Ok(digest(&serde_json::to_vec(config)?))
+}
+
+/// Claims a folder for a configuration. Fails if it belongs to a different one.
+pub(super) fn claim(config: &DatasetConfig, dir: &Path) -> Result<()> {
     let (path, text) = (dir.join(FILE_NAME), text(config)?);
     refuse_other(config, dir)?;
     if std::fs::read_to_string(&path).is_ok_and(|found| found == text) {
         return Ok(());
     }
-    std::fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
+    std::fs::create_dir_all(dir).map_err(Error::io(dir))?;
     publish(&path, |file| {
-        // Looked at again: another process may have claimed the folder while this one waited to write.
+        // Checked again: another process may have claimed the folder while this one waited for the lock.
         refuse_other(config, dir)?;
-        file.write_all(text.as_bytes()).map_err(|source| io(&path, source))
+        file.write_all(text.as_bytes()).map_err(Error::io(&path))
     })
 }
 
-/// Gives a folder free again whose configuration makes no rows, if it holds nothing that is finished.
-pub(crate) fn give_up(dir: &Path) -> Result<()> {
-    let path = dir.join(FILE_NAME);
-    if dir.join(info::FILE_NAME).exists() || !ShardRecord::all(dir)?.is_empty() {
-        return Ok(());
-    }
-    std::fs::remove_file(&path).map_err(|source| io(&path, source))
-}
-
-/// Refuses a folder of another configuration.
-pub(crate) fn refuse_other(config: &DatasetConfig, dir: &Path) -> Result<()> {
+/// Fails if a folder belongs to a different configuration.
+pub(super) fn refuse_other(config: &DatasetConfig, dir: &Path) -> Result<()> {
     let Some(found) = read(dir)? else { return Ok(()) };
     if found == *config {
         return Ok(());
     }
-    let [found, wanted] = [config_digest(&found)?, config_digest(config)?];
-    Err(Error::OtherConfig { path: dir.join(FILE_NAME), found, wanted })
+    let [found, expected] = [config_digest(&found)?, config_digest(config)?];
+    Err(Error::OtherConfig { path: dir.join(FILE_NAME), found, expected })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tiny::config;
+    use crate::fixture::config;
     use std::fs;
 
     #[test]
-    fn a_folder_is_of_one_configuration() {
+    fn a_folder_belongs_to_one_configuration() {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("out");
         assert!(read(&out).unwrap().is_none());
@@ -84,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_that_claim_it_at_once_one_is_refused() {
+    fn one_of_two_concurrent_claims_is_refused() {
         for _ in 0..20 {
             let dir = tempfile::tempdir().unwrap();
             let path = dir.path();
@@ -97,11 +92,11 @@ mod tests {
     }
 
     #[test]
-    fn the_configuration_of_something_else_is_not_overwritten() {
+    fn a_foreign_config_file_is_not_overwritten() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join(FILE_NAME), "epochs = 3\n").unwrap();
         let error = claim(&config("a", 1), dir.path()).unwrap_err().to_string();
-        assert!(error.contains("config.toml is not that of a dataset"), "{error}");
+        assert!(error.contains("config.toml is not a dataset configuration"), "{error}");
         assert_eq!(fs::read_to_string(dir.path().join(FILE_NAME)).unwrap(), "epochs = 3\n");
     }
 }

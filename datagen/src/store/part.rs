@@ -1,10 +1,11 @@
-//! A part of a dataset's files, so that several machines make one dataset.
+//! A part of the shards of a dataset, so that several machines can share the work.
 
-use crate::error::Error;
 use std::fmt;
 use std::str::FromStr;
 
-/// Every so-manieth file of a dataset. Parts of any mix that cover all files give the same dataset.
+/// Part `number` of `of`: every `of`-th shard, starting at shard `number`.
+///
+/// Parts with different `of` can be mixed. Together they give the same dataset if they cover all shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Part {
     number: u64,
@@ -12,16 +13,16 @@ pub struct Part {
 }
 
 impl Part {
-    /// All files.
+    /// All shards.
     pub const WHOLE: Self = Self { number: 1, of: 1 };
 
-    /// Part `number` of `of`, from 1; `None` if there is no such part.
+    /// Returns part `number` of `of`, counted from 1, or `None` if there is no such part.
     pub fn new(number: u64, of: u64) -> Option<Self> {
         (1..=of).contains(&number).then_some(Self { number, of })
     }
 
-    /// Does file `i` of a dataset, from 0, belong to it?
-    pub fn has(self, i: u64) -> bool {
+    /// Returns whether shard `i` of a dataset, counted from 0, is in the part.
+    pub fn contains(self, i: u64) -> bool {
         i % self.of == self.number - 1
     }
 }
@@ -32,15 +33,18 @@ impl fmt::Display for Part {
     }
 }
 
-impl FromStr for Part {
-    type Err = Error;
+/// The error for text that names no part.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}: expected I/N, part I of N with I from 1 to N, for example 2/4")]
+pub struct InvalidPart(String);
 
-    fn from_str(text: &str) -> Result<Self, Error> {
+impl FromStr for Part {
+    type Err = InvalidPart;
+
+    fn from_str(text: &str) -> Result<Self, InvalidPart> {
         let numbers =
             text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
-        numbers
-            .and_then(|(number, of)| Self::new(number, of))
-            .ok_or_else(|| Error::Part { text: text.to_owned() })
+        numbers.and_then(|(number, of)| Self::new(number, of)).ok_or_else(|| InvalidPart(text.to_owned()))
     }
 }
 
@@ -49,18 +53,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_parts_of_a_number_share_out_all_files() {
+    fn the_parts_of_a_number_cover_each_shard_once() {
         for of in 1..=5 {
             for i in 0..12 {
-                let having = (1..=of).filter(|&number| Part::new(number, of).unwrap().has(i));
-                assert_eq!(having.collect::<Vec<_>>(), [i % of + 1]);
+                let parts = (1..=of).filter(|&number| Part::new(number, of).unwrap().contains(i));
+                assert_eq!(parts.collect::<Vec<_>>(), [i % of + 1]);
             }
         }
-        assert!((0..9).all(|i| Part::WHOLE.has(i)));
+        assert!((0..9).all(|i| Part::WHOLE.contains(i)));
     }
 
     #[test]
-    fn a_part_is_read_as_it_is_shown() {
+    fn a_part_is_parsed_as_it_is_displayed() {
         assert_eq!("2/4".parse::<Part>().unwrap().to_string(), "2/4");
         for text in ["", "2", "0/4", "5/4", "1/0", "-1/4", "a/b", "1/2/3"] {
             let error = text.parse::<Part>().unwrap_err().to_string();

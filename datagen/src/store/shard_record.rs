@@ -1,42 +1,43 @@
-//! Records of finished files, while the dataset is incomplete.
+//! Records of finished shards, kept in `shards/` until the dataset is complete.
 
+use super::config_file::config_digest;
+use super::file_record::FileRecord;
+use super::json;
+use super::shard::Shard;
 use crate::config::DatasetConfig;
+use crate::defect::DefectKind;
 use crate::error::{Error, Result};
-use crate::fault::Problem;
-use crate::info::{FileRecord, config_digest, read_json, write_json};
-use crate::publish::io;
-use crate::shard::Shard;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::Path;
 
 /// Folder of the records.
-pub const FOLDER: &str = "shards";
+const FOLDER: &str = "shards";
 
-/// What is known of a finished file.
+/// Record of a finished shard.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ShardRecord {
-    /// Digest of the configuration that it belongs to.
-    pub config_digest: String,
-    /// Version of flowservo that made it.
-    pub version: String,
-    /// The file.
-    pub file: FileRecord,
+pub(super) struct ShardRecord {
+    /// Digest of the configuration.
+    pub(super) config_digest: String,
+    /// Version of flowservo that generated the shard.
+    pub(super) version: String,
+    /// Size and digest of the file.
+    pub(super) file: FileRecord,
 }
 
 impl ShardRecord {
-    /// The records in a dataset's folder. One that cannot be understood is left out: its file is made again.
-    pub fn all(dir: &Path) -> Result<Vec<Self>> {
+    /// Reads all records of a dataset. Skips records that cannot be parsed, so that their shards are generated again.
+    pub(super) fn all(dir: &Path) -> Result<Vec<Self>> {
         let folder = dir.join(FOLDER);
         let entries = match std::fs::read_dir(&folder) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-            found => found.map_err(|source| io(&folder, source))?,
+            found => found.map_err(Error::io(&folder))?,
         };
         let mut paths = Vec::new();
         for entry in entries {
-            let path = entry.map_err(|source| io(&folder, source))?.path();
+            let path = entry.map_err(Error::io(&folder))?.path();
             if path.extension().is_some_and(|extension| extension == "json") {
                 paths.push(path);
             }
@@ -44,10 +45,10 @@ impl ShardRecord {
         paths.sort();
         let mut records = Vec::new();
         for path in paths {
-            match read_json(&path) {
+            match json::read(&path) {
                 Ok(record) => records.push(record),
                 Err(Error::Damaged { .. }) => {}
-                // Another process has completed the dataset just now.
+                // Another process has just completed the dataset.
                 Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
                 Err(error) => return Err(error),
             }
@@ -55,55 +56,50 @@ impl ShardRecord {
         Ok(records)
     }
 
-    /// Path of a shard's record below the dataset's folder.
-    pub fn path(shard: &Shard) -> String {
-        format!("{FOLDER}/{}.json", shard.name())
-    }
-
     /// Publishes the record of a shard.
-    pub(crate) fn publish(&self, shard: &Shard, dir: &Path) -> Result<()> {
+    pub(super) fn publish(&self, shard: &Shard, dir: &Path) -> Result<()> {
         let folder = dir.join(FOLDER);
+        let path = folder.join(format!("{}.json", shard.name()));
         loop {
-            std::fs::create_dir_all(&folder).map_err(|source| io(&folder, source))?;
-            match write_json(&dir.join(Self::path(shard)), self) {
-                // Another process has completed the dataset, and removed the folder, just now.
+            std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+            match json::write(&path, self) {
+                // Another process has just completed the dataset and removed the folder.
                 Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
                 written => return written,
             }
         }
     }
 
-    /// What is wrong with the file of a record, for a configuration with this digest; reads the file.
-    pub(crate) fn problem(&self, config_digest: &str, dir: &Path) -> Option<Problem> {
+    /// Compares the shard with its record, and the record with a configuration and this version; reads the whole file.
+    pub(super) fn defect(&self, config_digest: &str, dir: &Path) -> Option<DefectKind> {
         if self.config_digest != config_digest {
-            return Some(Problem::OtherConfig(self.config_digest.clone()));
+            return Some(DefectKind::OtherConfig(self.config_digest.clone()));
         }
         if self.version != env!("CARGO_PKG_VERSION") {
-            return Some(Problem::OtherVersion(self.version.clone()));
+            return Some(DefectKind::OtherVersion(self.version.clone()));
         }
-        self.file.problem(dir)
+        self.file.defect(dir)
     }
 }
 
-/// Removes the records: `dataset.json` has taken their place.
-pub(crate) fn remove_all(dir: &Path) -> Result<()> {
+/// Removes all records of a complete dataset, whose `dataset.json` replaces them.
+pub(super) fn remove_all(dir: &Path) -> Result<()> {
     let folder = dir.join(FOLDER);
     match std::fs::remove_dir_all(&folder) {
-        // Another process has done it, or is making a file once more, and will do it.
+        // Another process has removed it, or is writing a shard again and will remove it.
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::DirectoryNotEmpty) => Ok(()),
-        removed => removed.map_err(|source| io(&folder, source)),
+        removed => removed.map_err(Error::io(&folder)),
     }
 }
 
-/// How many files of an incomplete dataset are finished, by their records and sizes.
-pub fn finished(config: &DatasetConfig, dir: &Path) -> Result<u64> {
+/// Returns the number of finished shards of an incomplete dataset, judged by their records and sizes.
+pub fn finished_shards(config: &DatasetConfig, dir: &Path) -> Result<u64> {
     let (records, config_digest) = (ShardRecord::all(dir)?, config_digest(config)?);
     let paths: BTreeSet<String> = Shard::all(config).iter().map(Shard::path).collect();
     let is_finished = |record: &&ShardRecord| {
-        let ShardRecord { file, .. } = record;
         record.config_digest == config_digest
-            && paths.contains(&file.path)
-            && Problem::of_size(&dir.join(&file.path), file.bytes).is_none()
+            && paths.contains(&record.file.path)
+            && record.file.size_defect(dir).is_none()
     };
     Ok(records.iter().filter(is_finished).count() as u64)
 }

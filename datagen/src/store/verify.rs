@@ -1,47 +1,46 @@
-//! Looks at every byte of a complete dataset.
+//! Verifies every byte of a complete dataset.
 
-use crate::earlier::strays;
+use super::existing_files::stray_files;
+use super::info::{self, DatasetInfo};
+use crate::defect::{Defect, DefectKind};
 use crate::error::{Error, Result};
-use crate::fault::{Fault, Problem};
-use crate::info::{DatasetInfo, FILE_NAME};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use std::path::Path;
 
-/// All files of a dataset that are not as they were written, with the threads of the current rayon pool.
+/// Lists all defects of a complete dataset, with the threads of the current rayon pool.
 ///
-/// Where `dataset.json` is damaged it is named alone: what the others should be is not known then.
-pub fn verify(dir: &Path) -> Result<Vec<Fault>> {
-    match DatasetInfo::read(dir) {
-        Ok(info) => faults(&info, dir),
+/// If `dataset.json` is damaged, it is the only defect listed, because the other digests are unknown.
+pub fn verify(dir: &Path) -> Result<Vec<Defect>> {
+    let info = match DatasetInfo::read(dir) {
+        Ok(info) => info,
         Err(Error::Damaged { expected, found, .. }) => {
-            Ok(vec![Fault { path: FILE_NAME.to_owned(), problem: Problem::Form { expected, found } }])
+            return Ok(vec![Defect {
+                path: info::FILE_NAME.to_owned(),
+                kind: DefectKind::Form { expected, found },
+            }]);
         }
-        Err(error) => Err(error),
-    }
-}
-
-/// All files that are not as a description says.
-pub(crate) fn faults(info: &DatasetInfo, dir: &Path) -> Result<Vec<Fault>> {
-    let fault = |path: &String, problem| Fault { path: path.clone(), problem };
-    let data = info.files.par_iter();
-    let mut faults: Vec<Fault> =
-        data.filter_map(|file| Some(fault(&file.path, file.problem(dir)?))).collect();
-    faults.extend(info.document_faults(dir));
-    faults.extend(strays(&info.config, dir)?.iter().map(|path| fault(path, Problem::Stray)));
-    Ok(faults)
+        Err(error) => return Err(error),
+    };
+    let defect = |path: &String, kind| Defect { path: path.clone(), kind };
+    let files = info.files.par_iter();
+    let mut defects: Vec<Defect> =
+        files.filter_map(|file| Some(defect(&file.path, file.defect(dir)?))).collect();
+    defects.extend(info.document_defects(dir));
+    defects.extend(stray_files(&info.config, dir)?.iter().map(|path| defect(path, DefectKind::Stray)));
+    Ok(defects)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tiny::{config, make};
-    use crate::{card, recipe};
+    use crate::fixture::{config, make};
+    use crate::store::{card, config_file};
     use rand::RngExt as _;
     use std::fs::{self, File};
     use std::io::{Seek as _, SeekFrom, Write as _};
 
     fn damaged(dir: &Path) -> Vec<String> {
-        verify(dir).unwrap().into_iter().map(|fault| fault.path).collect()
+        verify(dir).unwrap().into_iter().map(|defect| defect.path).collect()
     }
 
     #[test]
@@ -52,15 +51,15 @@ mod tests {
         make(&config, dir.path()).unwrap();
         assert!(damaged(dir.path()).is_empty());
         let data = "data/train-00000-of-00001.parquet";
-        let mut random = crate::range::stream(1, 2);
-        for name in [FILE_NAME, card::FILE_NAME, recipe::FILE_NAME, data] {
+        let mut random = crate::scene::stream(1, 2);
+        for name in [info::FILE_NAME, card::FILE_NAME, config_file::FILE_NAME, data] {
             let path = dir.path().join(name);
             let whole = fs::read(&path).unwrap();
             let positions: Vec<usize> = match name {
                 _ if name == data => (0..300).map(|_| random.random_range(0..whole.len())).collect(),
                 _ => (0..whole.len()).collect(),
             };
-            // In place: a file system may flush a file that is written anew.
+            // Written in place: some file systems flush a newly written file.
             let mut file = File::options().write(true).open(&path).unwrap();
             let mut put = |position: usize, byte: u8| {
                 file.seek(SeekFrom::Start(position as u64)).unwrap();
@@ -78,7 +77,7 @@ mod tests {
             fs::write(&path, [whole.as_slice(), b"\n"].concat()).unwrap();
             assert_eq!(damaged(dir.path()), [name], "a byte was added");
             fs::remove_file(&path).unwrap();
-            if name == FILE_NAME {
+            if name == info::FILE_NAME {
                 assert!(matches!(verify(dir.path()), Err(Error::Incomplete { .. })));
             } else {
                 assert_eq!(verify(dir.path()).unwrap()[0].to_string(), format!("{name}: missing"));
@@ -89,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn all_damaged_files_are_named_and_made_again() {
+    fn all_damaged_files_are_named_and_generated_again() {
         let (dir, config) = (tempfile::tempdir().unwrap(), config("a", 12));
         make(&config, dir.path()).unwrap();
         let path = |name: &str| dir.path().join(name);
@@ -100,8 +99,8 @@ mod tests {
         fs::write(path("data/train-00000-of-00001.parquet"), "another").unwrap();
         fs::write(path("README.md"), "another").unwrap();
         fs::write(path("config.toml"), "another").unwrap();
-        let info = DatasetInfo::read(dir.path()).unwrap();
-        let error = info.verify(dir.path()).unwrap_err().to_string();
+        let defects = verify(dir.path()).unwrap();
+        let error = Error::Defective { dir: dir.path().to_owned(), defects }.to_string();
         for line in [
             format!("\n  data/train-00000-of-00004.parquet: expected {size} bytes, found 5"),
             "\n  data/train-00002-of-00004.parquet: missing".to_owned(),
