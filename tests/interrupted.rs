@@ -129,8 +129,8 @@ fn half_written_files_do_not_block() {
         &[
             "22 of 48 files are there",
             "train-00001-of-00048.parquet: missing",
-            "train-00002-of-00048.parquet: there without its record",
-            "train-00004-of-00048.parquet: there without its record",
+            "train-00002-of-00048.parquet: no record in shards/",
+            "train-00004-of-00048.parquet: no record in shards/",
         ],
     );
     let result = folder.run(&generate_many("data")).ok().json();
