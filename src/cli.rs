@@ -4,7 +4,7 @@ mod exchange;
 mod model;
 
 pub(crate) use exchange::{Attach, Exchange, ExportFormat};
-pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
+pub(crate) use model::{AliasArgs, Copy, Gc, NoteArgs, Yank};
 
 use crate::device::DeviceChoice;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -244,8 +244,8 @@ pub(crate) enum Model {
         checkpoint: PathBuf,
         /// The model's name.
         name: String,
-        /// Folder of an evaluation of this checkpoint, whose Table 1 is published as its metrics, or attached if the version is
-        /// there already.
+        /// Folder of an evaluation of this checkpoint. Its Table 1 is published as metrics, or attached if the version
+        /// exists.
         #[arg(long, value_name = "DIR")]
         evaluation: Option<PathBuf>,
         /// The registry.
@@ -268,7 +268,7 @@ pub(crate) enum Model {
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Copy a version out of the registry, with every digest checked.
+    /// Write the files of a version to a folder, with every digest verified.
     #[command(after_help = "Examples:\n  flowservo model pull approach@1 --out runs/pulled\n  \
                             flowservo model pull approach@1 --out runs/pulled --public-key pub.pem")]
     Pull {
@@ -277,48 +277,55 @@ pub(crate) enum Model {
         /// Folder to write.
         #[arg(long)]
         out: PathBuf,
-        /// Write nothing unless a signature by this key, a PEM file, is attached to the version.
+        /// Write nothing unless the version has a valid signature by this key, a PEM file.
         #[arg(long, value_name = "PEM")]
         public_key: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Check every file of a model, or of the whole registry, against its digest.
+    /// Verify every file of a model, or of the whole registry.
     #[command(after_help = "Examples:\n  flowservo model verify\n  \
                             flowservo model verify approach@1 --public-key pub.pem\n  \
                             flowservo model verify pulled --public-key pub.pem --signature model.sig")]
     Verify {
-        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST; everything by default. With --public-key also a model's folder.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST. The default is everything. With --public-key,
+        /// also a model folder.
         model: Option<String>,
-        /// Check the model's signature with this key, a PEM file.
+        /// Verify the model's signature with this key, a PEM file.
         #[arg(long, value_name = "PEM", requires = "model")]
         public_key: Option<PathBuf>,
-        /// The signature; by default one that is attached to the version, and of a folder model.sig.
+        /// File of the signature. The default is an attached one for a version, and model.sig for a folder.
         #[arg(long, value_name = "FILE", requires = "public_key")]
         signature: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Give a version a name that can move: set an alias, show its history, end it, or list all.
+    /// Set an alias of a version, show its history, end it, or list all aliases.
     #[command(after_help = "Examples:\n  \
                             flowservo model alias approach champion 3 --reason \"best on Table 1\"\n  \
                             flowservo model alias approach champion\n  \
                             flowservo model alias approach champion 4 --expect 3\n  \
                             flowservo model alias approach champion --remove\n  \
                             flowservo model alias approach\n\n\
-                            Any command that takes a model then takes approach:champion.")]
+                            Any command that takes a model also takes approach:champion.")]
     Alias(AliasArgs),
-    /// Say that a version should not be used any more. It is not deleted, but no longer the newest.
+    /// Mark a version that should no longer be used. It is not deleted, but no longer the newest.
     #[command(after_help = "Examples:\n  \
                             flowservo model yank approach@3 --reason \"trained on the test set\"\n  \
                             flowservo model yank approach@3 --undo")]
     Yank(Yank),
-    /// Show the files that nothing needs any more, left by what was interrupted, and delete them if asked to.
+    /// Copy versions to another registry, with their attachments.
+    #[command(after_help = "Examples:\n  \
+                            flowservo model copy approach@3 avoid:champion --to s3://lab/models\n  \
+                            flowservo model copy approach --all --aliases --registry s3://lab/models --to models\n\n\
+                            Digests stay the same, and signatures stay valid. Copying again adds only what is missing.")]
+    Copy(Copy),
+    /// Show unused files, left by interrupted commands, and delete them on request.
     #[command(after_help = "Example: flowservo model gc --delete")]
     Gc(Gc),
-    /// Show what two versions differ in: configuration, metrics, lineage, files.
+    /// Show the differences between two versions: configuration, metrics, lineage, files.
     #[command(after_help = "Example: flowservo model diff approach@2 approach@3")]
     Diff {
         /// The first version: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
@@ -329,7 +336,7 @@ pub(crate) enum Model {
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Create a registry, or look whether one is safe: the store must never overwrite what is there.
+    /// Create a registry, or test whether an existing one is safe: its store must never overwrite an object.
     #[command(
         after_help = "Examples:\n  flowservo model init\n  flowservo model init --registry s3://lab/models"
     )]
@@ -338,7 +345,7 @@ pub(crate) enum Model {
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Commands that connect the registry with the rest of the world.
+    /// Commands that exchange models with other tools.
     #[command(flatten)]
     Exchange(Exchange),
 }

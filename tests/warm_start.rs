@@ -49,7 +49,7 @@ fn the_next_version_names_the_one_that_it_began_from() {
     let ((first, digest), (second, _)) = (lineage(&folder, "approach@1"), lineage(&folder, "approach@2"));
     assert_eq!((&first["parent"], &second["parent"]), (&Value::Null, &digest));
     let shown = folder.run("model show approach@2").ok().stdout();
-    assert!(shown.contains(&format!("begun from {}", digest.as_str().unwrap())), "{shown}");
+    assert!(shown.contains(&format!("started from {}", digest.as_str().unwrap())), "{shown}");
     // What trained them is told by what they are themselves, not by who publishes.
     for lineage in [first, second] {
         assert_eq!(lineage["device"], "CPU");
@@ -90,8 +90,7 @@ fn what_no_run_can_begin_from_is_refused_before_anything_is_written() {
     let folder = published();
     let begin = |from: &str| folder.run(&train(&format!("--out run --from {from}")));
     for unknown in ["approach@7", "approach:challenger", "nowhere", "no/where"] {
-        begin(unknown)
-            .fails(2, &[unknown, "is no checkpoint's folder, and cannot be had from the registry models"]);
+        begin(unknown).fails(2, &[&format!("no model `{unknown}`: not a checkpoint folder"), "models"]);
     }
     begin("approach --registry elsewhere").fails(2, &["approach", "elsewhere"]);
     begin("approach --set network.width=0.04").fails(1, &["approach@1 has network.width = 0.02", "has 0.04"]);

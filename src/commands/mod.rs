@@ -6,6 +6,7 @@ mod inspect;
 mod model;
 mod model_alias;
 mod model_attach;
+mod model_copy;
 mod model_diff;
 mod model_export;
 mod model_gc;

@@ -17,7 +17,7 @@
 use super::dataset::Generated;
 use super::train::Trained;
 use super::{dataset, eval, model, model_attach, print_json, report, train, write_file};
-use crate::cli::{self, RemarkArgs};
+use crate::cli::{self, NoteArgs};
 use crate::config::{Config, bad_input};
 use crate::device::{self, Opened};
 use crate::output::{note, out};
@@ -196,7 +196,7 @@ impl Reproduction<'_> {
                     && judged.insert(network)
                 {
                     let figures = Attachment::Evaluation(model_attach::evaluation_of(checkpoint, &folder)?);
-                    model_attach::attach(&registry, version, &figures, &RemarkArgs::default())?;
+                    model_attach::attach(&registry, version, &figures, &NoteArgs::default())?;
                 }
             }
         }
@@ -309,7 +309,7 @@ fn publish(
 ) -> Result<BTreeMap<String, (ModelVersion, PathBuf)>> {
     let mut published = BTreeMap::new();
     for (name, (_, trained)) in trained {
-        let version = model::publish(registry, &trained.checkpoint, name, None)?.version().clone();
+        let version = model::publish(registry, &trained.checkpoint, name, None)?.value().clone();
         let folder = model::checkpoint(&version.to_string(), location)?;
         published.insert(name.clone(), (version, folder));
     }
