@@ -25,7 +25,7 @@ fn a_registry_is_created_only_in_an_empty_folder() {
     assert_eq!(again.json()["created"], false);
     assert_eq!(folder.files("models").keys().collect::<Vec<_>>(), ["registry.json"]);
     folder.write("other/notes.txt", "mine");
-    folder.run("model init --registry other").fails(1, &["other", "notes.txt", "empty or a new folder"]);
+    folder.run("model init --registry other").fails(1, &["other", "notes.txt", "empty or new folder"]);
     folder.run("model list --registry nowhere").fails(1, &["nowhere", "model init"]);
     folder.run("model init --registry gs://lab/models").fails(2, &["gs://lab/models", "s3://BUCKET/PREFIX"]);
 }

@@ -1,11 +1,10 @@
 #!/usr/bin/env bash
-# How fast 100 MB are published into a folder and pulled, beside what the disk and the digest alone take, in turn:
+# Measures the speed of publishing 100 MB into a folder and pulling them, next to the disk and SHA-256 alone:
 # registry/benches/speed.sh [--rounds N] [FLOWSERVO]
 #
-# FLOWSERVO is the program, built with --release; by default the one that was built last. Each round measures SHA-256 by openssl, a copy
-# by dd that ends when it is on the disk, `model publish` into a new registry, and `model pull`. Printed are the medians, and
-# which share of the speed of either publishing and pulling reach. Run it on an idle machine; it needs 500 MB of the disk that
-# TMPDIR is on.
+# FLOWSERVO is a release build of the program. The default is the newest one. Each round measures SHA-256 by openssl, a copy by dd
+# that is synced to disk, `model publish` into a new registry, and `model pull`. The script prints the medians, and the speeds of
+# publishing and pulling relative to the digest and the disk. Run it on an idle machine. It needs 500 MB on the disk of TMPDIR.
 set -euo pipefail
 rounds=9
 [ "${1:-}" != --rounds ] || { rounds="$2"; shift 2; }

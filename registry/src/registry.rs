@@ -108,7 +108,7 @@ impl Registry {
             return Ok(versions);
         }
         let (root, known) = (self.store.root(), listed(self.names()?.iter()));
-        Err(Error::NotFound(format!("{root}: no model `{name}`; the registry has: {known}")))
+        Err(Error::NotFound(format!("there is no model `{name}` in the registry `{root}`; it has: {known}")))
     }
 
     /// Loads version `number` of `name`, without its events. Fails with [`Error::Damaged`] if its manifest is not the one that

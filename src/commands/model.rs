@@ -169,10 +169,7 @@ pub(crate) fn look_up(model: &str, registry: &Location) -> Result<(Registry, Mod
     let unknown = |error: registry::Error| match error {
         // A damaged version was named correctly.
         registry::Error::Damaged(_) => error.into(),
-        registry::Error::NoRegistry { .. } => bad_input(anyhow!("no model `{model}`: {folder}, and {error}")),
-        _ => {
-            bad_input(anyhow!("no model `{model}`: {folder}, and not in the registry `{registry}`: {error}"))
-        }
+        _ => bad_input(anyhow!("no model `{model}`: {folder}, and {error}")),
     };
     let reference: ModelRef = model.parse().map_err(unknown)?;
     let opened = Registry::open(registry).map_err(unknown)?;

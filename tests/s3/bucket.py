@@ -1,4 +1,4 @@
-"""A registry in buckets with good and bad habits, on a server in this process: bucket.py FLOWSERVO."""
+"""A registry in buckets that keep or break their promises, on a server in this process: bucket.py FLOWSERVO."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ PUBLISHERS = 16
 
 
 class Server:
-    """moto, one request at a time: it looks for the object first and writes it after, which two threads would do at once."""
+    """moto, one request at a time: it checks for the object and then writes it, so two threads would race."""
 
     def __init__(self):
         self.moto = DomainDispatcherApplication(create_backend_app)
@@ -39,7 +39,7 @@ class Server:
             del environ["HTTP_IF_NONE_MATCH"]
 
         if conditional and bucket == "lossy" and "/versions/" in key and key not in self.answered:
-            # Done, and nobody is told.
+            # Done, but the response is lost.
             self.answered.add(key)
             list(self.moto(environ, lambda *_: None))
             start_response("503 Service Unavailable", [("Content-Length", "0")])
@@ -97,7 +97,7 @@ def keys(s3, bucket):
 def creation(s3):
     assert result("init", "--registry", "s3://lab/models")["created"]
     assert not result("init", "--registry", "s3://lab/models")["created"]
-    assert keys(s3, "lab") == ["models/registry.json"], "the probe is gone"
+    assert keys(s3, "lab") == ["models/registry.json"], "the probe is deleted"
     refusal = run("init", "--registry", "s3://forgetful/models", code=1)
     assert "s3://forgetful/models" in refusal and "ignores the condition" in refusal, refusal
     refusal = run("publish", checkpoint("run", safetensors(b"x")), "approach", "--registry", "s3://forgetful", code=1)
@@ -143,7 +143,7 @@ def races(server):
         assert digest in [layer["digest"] for layer in layers], f"version {version} has the weights of another"
     run("verify", *place)
     assert server.refused, "nobody lost a race, so there was none"
-    print(f"{len(published)} versions, {server.refused} lost races, {len(seen)} pulled meanwhile")
+    print(f"{len(published)} versions, {server.refused} lost races, {len(seen)} pulled in the meantime")
 
 
 def lost_answers(server):
@@ -157,7 +157,7 @@ def lost_answers(server):
 def kills():
     place = ("--registry", "s3://lab/killed")
     for number in range(1, 11):
-        # Every other is large enough to be sent in parts.
+        # Every second checkpoint is large enough to be sent in parts.
         checkpoint("run", safetensors(b"%08d" % number * (2_000_000 if number % 2 else 10)))
         publisher = subprocess.Popen(
             [FLOWSERVO, "model", "publish", "run", "approach", *place], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -172,7 +172,7 @@ def kills():
 
 
 def peak_memory(process):
-    """MiB that a process took at most, as far as the system says."""
+    """Peak memory of a process in MiB, as far as the system reports it."""
     peak = 0
     while process.poll() is None:
         status = Path(f"/proc/{process.pid}/status")
@@ -222,7 +222,7 @@ def copies():
 
 
 def use():
-    """A network is trained, published, and used from the bucket."""
+    """Trains a network, publishes it, and uses it from the bucket."""
     place = ("--registry", "s3://lab/used")
     configs = Path(__file__).resolve().parents[2] / "configs"
 

@@ -124,7 +124,7 @@ impl Registry {
 
     fn no_alias(&self, name: &ModelName, alias: &AliasName) -> Result<Error> {
         let known = listed(self.aliases(name)?.keys());
-        Ok(Error::NotFound(format!("{name}: no alias `{alias}`; its aliases are: {known}")))
+        Ok(Error::NotFound(format!("there is no alias `{alias}` of {name}; its aliases are: {known}")))
     }
 }
 

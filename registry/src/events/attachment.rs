@@ -373,7 +373,8 @@ mod tests {
         for kind in [EventKind::AliasRemoved, EventKind::Yanked { target: other }] {
             let wrong = Event { number: 4, previous: Some(previous), kind, ..events[0].clone() };
             let bytes = crate::events::encode(&wrong).unwrap();
-            assert!(registry.store.append("approach@1", &log.folder, 4, &bytes).unwrap());
+            let digest = registry.store.put_blob(bytes).unwrap();
+            assert!(registry.store.point(&log.folder, 4, digest).unwrap());
             let refusal = registry.attachments(&version).unwrap_err().to_string();
             assert!(refusal.contains("events/000001/000004"), "{refusal}");
             assert_eq!(registry.verify(None).unwrap().problems.len(), 1);

@@ -159,7 +159,8 @@ impl Registry {
                 kind,
                 note: note.clone(),
             };
-            if self.store.append(&log.subject, &log.folder, event.number, &encode(&event)?)? {
+            let digest = self.store.put_document(&log.subject, &encode(&event)?)?;
+            if self.store.point(&log.folder, event.number, digest)? {
                 return Ok(Ok(event));
             }
             known.push(self.event(log, event.number)?);
@@ -312,9 +313,8 @@ mod tests {
         let (mut other, _) = registry.event(&log(), 2).unwrap();
         other.kind = EventKind::AliasSet { target: version(7).target() };
         fs::remove_file(path(2)).unwrap();
-        assert!(
-            registry.store.append("approach:champion", &log().folder, 2, &encode(&other).unwrap()).unwrap()
-        );
+        let digest = registry.store.put_blob(encode(&other).unwrap()).unwrap();
+        assert!(registry.store.point(&log().folder, 2, digest).unwrap());
         let broken = registry.history(&log()).unwrap_err().to_string();
         assert!(broken.contains("000003") && broken.contains("the previous event"), "{broken}");
     }

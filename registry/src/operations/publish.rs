@@ -73,6 +73,7 @@ impl Registry {
         is_same: IsSame,
     ) -> Result<Outcome<ModelVersion>> {
         let folder = versions_key(name);
+        let digest = self.store.put_document(name, bytes)?;
         let (mut examined, mut taken) = (0, 0);
         loop {
             let numbers = self.versions(name)?;
@@ -81,8 +82,8 @@ impl Registry {
                 return Ok(Outcome::AlreadyThere(self.with_yank(version)?));
             }
             let number = numbers.last().copied().unwrap_or(0).max(taken) + 1;
-            if self.store.append(&format!("{name}@{number}"), &folder, number, bytes)? {
-                let (name, manifest, digest) = (name.clone(), manifest.clone(), Digest::of(bytes));
+            if self.store.point(&folder, number, digest)? {
+                let (name, manifest) = (name.clone(), manifest.clone());
                 return Ok(Outcome::New(ModelVersion {
                     name,
                     version: number,

@@ -69,7 +69,7 @@ impl Registry {
         };
         let newest = numbers.last().unwrap_or(&0);
         found.ok_or_else(|| {
-            Error::NotFound(format!("no version `{reference}`; the newest is {name}@{newest}"))
+            Error::NotFound(format!("there is no version `{reference}`; the newest is {name}@{newest}"))
         })
     }
 
@@ -114,7 +114,7 @@ mod tests {
             let other = show(&format!("avoid@{}", first.digest)).unwrap_err();
             assert!(other.to_string().contains("no version `avoid@sha256:"), "{other}");
             let unknown = show("aproach").unwrap_err().to_string();
-            assert!(unknown.contains("the registry has: approach, avoid"), "{unknown}");
+            assert!(unknown.contains("it has: approach, avoid"), "{unknown}");
         }
     }
 }

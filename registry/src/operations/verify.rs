@@ -461,7 +461,8 @@ mod tests {
         let (registry, mut second) = two_versions(&place);
         second.manifest.config.size += 1;
         let manifest = second.manifest.to_bytes().unwrap();
-        assert!(registry.store.append("approach@3", &versions_key(&second.name), 3, &manifest).unwrap());
+        let digest = registry.store.put_blob(manifest).unwrap();
+        assert!(registry.store.point(&versions_key(&second.name), 3, digest).unwrap());
         assert!(matches!(registry.verify(None).unwrap().problems[0].fault, Fault::Size { .. }));
         assert!(registry.export_oci(&"approach".parse().unwrap(), &place.path("layout")).is_err());
         assert!(!place.path("layout").exists());

@@ -81,9 +81,16 @@ fn bucket(_: &str) -> std::result::Result<Location, &'static str> {
     Err("this program was built without S3; build it with `cargo build --release --features s3`")
 }
 
-impl<P: AsRef<Path> + ?Sized> From<&P> for Location {
-    fn from(folder: &P) -> Self {
-        Self::Folder(folder.as_ref().to_owned())
+// No conversion from text but `FromStr`: an address must not be mistaken for a folder.
+impl From<&Path> for Location {
+    fn from(folder: &Path) -> Self {
+        Self::Folder(folder.to_owned())
+    }
+}
+
+impl From<&PathBuf> for Location {
+    fn from(folder: &PathBuf) -> Self {
+        folder.as_path().into()
     }
 }
 

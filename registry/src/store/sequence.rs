@@ -4,6 +4,8 @@
 //! simultaneous writers one gets the number and the other notices. The versions of a model are such a sequence, and so are the
 //! events of a version or an alias.
 
+use std::fmt::Display;
+
 use super::{DOCUMENT_LIMIT, Store, blob_key, file_name};
 use crate::digest::Digest;
 use crate::error::{Error, Result};
@@ -64,18 +66,22 @@ impl Store {
         }
     }
 
-    /// Stores a document of `subject` and creates pointer `number` to it. Returns false if another document has the number.
-    pub(crate) fn append(&self, subject: &str, folder: &str, number: u64, document: &[u8]) -> Result<bool> {
-        if number > LAST_NUMBER {
-            let reason = format!("all {LAST_NUMBER} numbers are taken; publish under a new name");
-            return Err(Error::refused(&subject, reason));
-        }
+    /// Stores a document of `subject` as a blob.
+    pub(crate) fn put_document(&self, subject: &dyn Display, document: &[u8]) -> Result<Digest> {
         if document.len() as u64 > DOCUMENT_LIMIT {
             let size = document.len();
             let reason = format!("its description would have {size} bytes, more than {DOCUMENT_LIMIT}");
-            return Err(Error::refused(&subject, reason));
+            return Err(Error::refused(subject, reason));
         }
-        let digest = self.put_blob(document.to_owned())?;
+        self.put_blob(document.to_owned())
+    }
+
+    /// Creates pointer `number` to a document. Returns false if another document has the number.
+    pub(crate) fn point(&self, folder: &str, number: u64, digest: Digest) -> Result<bool> {
+        if number > LAST_NUMBER {
+            let reason = format!("all {LAST_NUMBER} numbers are taken; publish under a new name");
+            return Err(Error::refused(&folder, reason));
+        }
         self.create(&pointer_key(folder, number), format!("{digest}\n").into_bytes())
     }
 }
