@@ -203,11 +203,11 @@ mod tests {
     fn attachments_read_back_and_are_attached_once() {
         for place in Place::all() {
             let (registry, version) = with_attachments(&place);
-            let entries = registry.attachments(&version).unwrap();
-            assert_eq!(entries.iter().map(|event| event.number).collect::<Vec<_>>(), [1, 2, 3]);
-            let content = registry.attachment(&version, &entries[0]).unwrap();
+            let events = registry.attachments(&version).unwrap();
+            assert_eq!(events.iter().map(|event| event.number).collect::<Vec<_>>(), [1, 2, 3]);
+            let content = registry.attachment(&version, &events[0]).unwrap();
             assert_eq!(content, Some(evaluation("error_mm", 0.5)));
-            let signature = registry.attachment(&version, &entries[1]).unwrap().unwrap();
+            let signature = registry.attachment(&version, &events[1]).unwrap().unwrap();
             assert!(matches!(&signature, Attachment::Signature(s) if s.key_hint().unwrap().len() == 64));
             for (again, number) in [(evaluation("error_mm", 0.5), 1), (signature, 2)] {
                 let again = registry.attach(&version, &again, &Note::default()).unwrap();
@@ -215,7 +215,7 @@ mod tests {
             }
             assert_eq!(registry.attachments(&version).unwrap().len(), 3);
 
-            // To the version, not to the model.
+            // Attachments belong to a version, not to a model.
             let second = place.publish(&registry, "approach", b"others");
             assert!(registry.attachments(&second).unwrap().is_empty());
             assert!(matches!(attach(&registry, &second, 0.5), Outcome::New(_)));
@@ -268,9 +268,9 @@ mod tests {
                     });
                 }
             });
-            let entries = registry.attachments(version).unwrap();
-            let contents: BTreeSet<_> = entries.iter().map(|e| e.attached().unwrap().digest).collect();
-            assert_eq!((entries.len(), contents.len(), new.into_inner()), (10, 10, 10));
+            let events = registry.attachments(version).unwrap();
+            let contents: BTreeSet<_> = events.iter().map(|e| e.attached().unwrap().digest).collect();
+            assert_eq!((events.len(), contents.len(), new.into_inner()), (10, 10, 10));
             assert!(registry.verify(None).unwrap().problems.is_empty());
         }
     }
@@ -307,10 +307,10 @@ mod tests {
         // Three files, the configuration, and three attached blobs.
         assert_eq!((found.events, found.blobs, found.problems.len()), (3, 7, 0), "{found:?}");
         let root = place.path("registry");
-        for entry in registry.attachments(&version).unwrap() {
-            let pointer = pointer_key(LOG, entry.number);
+        for logged in registry.attachments(&version).unwrap() {
+            let pointer = pointer_key(LOG, logged.number);
             let event = blob_key(registry.store.follow("", &pointer).unwrap().1);
-            let blob = blob_key(entry.attached().unwrap().digest);
+            let blob = blob_key(logged.attached().unwrap().digest);
             for object in [&pointer, &event, &blob] {
                 let intact = fs::read(root.join(object)).unwrap();
                 for position in (0..intact.len()).step_by(17) {
@@ -324,7 +324,7 @@ mod tests {
                         assert_eq!(problems[0].model.as_deref(), Some("approach@1/events"));
                     }
                     let read =
-                        registry.attachments(&version).and_then(|_| registry.attachment(&version, &entry));
+                        registry.attachments(&version).and_then(|_| registry.attachment(&version, &logged));
                     assert!(matches!(read, Err(Error::Damaged(_))), "{object}");
                 }
                 fs::write(root.join(object), &intact).unwrap();

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn publishing_a_yanked_version_again_says_so() {
+    fn publishing_a_yanked_version_again_reports_the_yank() {
         let place = Place::local();
         let registry = place.registry();
         let version = place.publish(&registry, "approach", b"one");

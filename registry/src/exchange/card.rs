@@ -124,7 +124,7 @@ mod tests {
     use crate::model::{Lineage, Provenance};
 
     #[test]
-    fn says_what_the_manifest_says() {
+    fn includes_what_the_manifest_states() {
         let place = Place::local();
         let provenance = Provenance {
             lineage: Lineage {

@@ -70,7 +70,7 @@ mod tests {
     use crate::model::Provenance;
 
     #[test]
-    fn comes_back_as_it_was_and_refuses_what_was_changed() {
+    fn reads_back_unchanged_and_refuses_changed_files() {
         let (place, other) = (Place::local(), Place::local());
         let checkpoint = place.checkpoint("checkpoint", b"more weights");
         let weights = safetensors(b"weights");
@@ -84,10 +84,10 @@ mod tests {
         assert_eq!(fs::read(folder.join("model.safetensors")).unwrap(), weights);
         assert!(!folder.join("weights.safetensors").exists());
         assert!(fs::read_to_string(folder.join("README.md")).unwrap().starts_with("---\n"));
-        // Never into a folder that is there.
+        // Existing folders are never overwritten.
         assert!(place.registry().export_huggingface(&reference, &folder, None).is_err());
 
-        // People write into the card.
+        // Users edit the card.
         fs::write(folder.join("README.md"), "ours").unwrap();
         let back = other.registry().import_huggingface(&model("approach"), &folder).unwrap();
         assert_eq!(back.value(), &version);

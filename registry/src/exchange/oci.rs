@@ -117,7 +117,7 @@ mod tests {
         serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
     }
 
-    /// Reads a layout as the specification describes it, with nothing of ours but the digest, and gives all that hangs together.
+    /// Reads a layout by the specification, with no code of ours but the digest. Returns all blobs that it reaches.
     fn blobs_of(root: &Path) -> Vec<String> {
         assert_eq!(read(&root.join("oci-layout"))["imageLayoutVersion"], "1.0.0");
         let index = read(&root.join("index.json"));

@@ -252,7 +252,7 @@ mod tests {
         Manifest::new(&name, &model_config(&name, &layers), layers, provenance)
     }
 
-    /// The shape that OCI and the CNCF model format fix, checked on the raw JSON.
+    /// The format that OCI and the CNCF model format prescribe, checked on the raw JSON.
     #[test]
     fn has_the_shape_of_oci_and_cncf() {
         let json: serde_json::Value = serde_json::from_slice(&sample().to_bytes().unwrap()).unwrap();

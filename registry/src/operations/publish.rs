@@ -175,7 +175,7 @@ mod tests {
         registry.publish(&model("approach"), checkpoint, Provenance::default()).unwrap()
     }
 
-    /// All files below `root` and their content.
+    /// Lists all files below `root` with the digests of their content.
     fn snapshot(root: &Path) -> Vec<(String, Digest)> {
         fn walk(folder: &Path, found: &mut Vec<(String, Digest)>) {
             for entry in fs::read_dir(folder).unwrap() {
@@ -266,7 +266,7 @@ mod tests {
         assert!(registry.verify(None).unwrap().problems.is_empty());
     }
 
-    /// Each thread publishes checkpoints of its own and one that all publish.
+    /// Each thread publishes its own checkpoints, and a shared one.
     #[test]
     fn concurrent_publishers_lose_nothing() {
         for place in Place::all() {

@@ -303,8 +303,8 @@ mod tests {
         }
     }
 
-    /// One bit of every byte of every object, each in turn: `verify` names the object, or the registry cannot be opened, and no
-    /// reference delivers anything but what was published. The bits take turns from byte to byte.
+    /// Flips one bit of every byte of every object, about 3,500 in all: bit `position % 8`. Each time, `verify` names the object, or
+    /// the registry cannot be opened, and no reference delivers anything but what was published.
     #[test]
     fn every_changed_byte_is_found_and_never_delivered() {
         let [_, place] = Place::all();

@@ -124,7 +124,7 @@ mod tests {
 
     #[cfg(not(feature = "s3"))]
     #[test]
-    fn without_s3_it_is_said_how_to_build_with_it() {
+    fn without_s3_the_error_explains_how_to_build_with_it() {
         let message = "s3://lab/models".parse::<Location>().unwrap_err().to_string();
         assert!(message.contains("s3://lab/models") && message.contains("--features s3"), "{message}");
     }
