@@ -16,7 +16,7 @@
 
 use super::dataset::Generated;
 use super::train::Trained;
-use super::{dataset, eval, model, model_attach, print_json, report, train, write_file};
+use super::{dataset, eval, model, model_attach, model_publish, print_json, report, train, write_file};
 use crate::cli::{self, NoteArgs};
 use crate::config::{Config, bad_input};
 use crate::device::{self, Opened};
@@ -309,7 +309,7 @@ fn publish(
 ) -> Result<BTreeMap<String, (ModelVersion, PathBuf)>> {
     let mut published = BTreeMap::new();
     for (name, (_, trained)) in trained {
-        let version = model::publish(registry, &trained.checkpoint, name, None)?.value().clone();
+        let version = model_publish::publish(registry, &trained.checkpoint, name, None)?.value().clone();
         let folder = model::checkpoint(&version.to_string(), location)?;
         published.insert(name.clone(), (version, folder));
     }
