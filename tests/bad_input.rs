@@ -115,9 +115,14 @@ fn a_loss_that_is_not_a_number() {
 fn missing_and_unsuitable_models() {
     let folder = Folder::new();
     let eval = format!("eval {} --out e --set sessions=1", config("eval/table1.toml"));
-    folder.run(&eval).fails(2, &["approach is no checkpoint's folder", "models"]);
+    folder.run(&eval).fails(
+        2,
+        &["no model `approach`: not a checkpoint folder", "there is no registry at `models`", "model init"],
+    );
     folder.write("empty/readme.txt", "no checkpoint");
-    folder.run(&format!("{eval} --approach empty --avoid oracle")).fails(2, &["empty has no model.json"]);
+    folder
+        .run(&format!("{eval} --approach empty --avoid oracle"))
+        .fails(2, &["no model `empty`: the folder has no model.json"]);
     let tiny = "--set network.width=0.02 --set network.head=8 --set network.input=[32,24] --set optimizer.batch=2 \
                 --set validation=0.5 --set phases.0.epochs=1";
     folder.run(&dataset("")).ok();

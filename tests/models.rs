@@ -1,8 +1,8 @@
-//! `flowservo model`: publish, list, show, pull, verify, alias, yank, gc, diff, export, import, sign, attach.
+//! `flowservo model`: publish, list, show, pull, verify, alias, yank, copy, gc, diff, export, import, sign, attach.
 
 use crate::support::{Folder, safetensors};
 
-/// A folder that holds what a checkpoint holds, with these weights.
+/// Writes a checkpoint folder with these weights.
 pub(crate) fn checkpoint(folder: &Folder, name: &str, weights: &str) {
     let info = r#"{
         "format": 2,
@@ -30,15 +30,15 @@ fn what_is_pulled_is_what_was_published() {
     assert!(folder.run("model publish first avoid").ok().stdout().contains("published avoid@1"));
     assert!(folder.run("model publish second avoid").ok().stdout().contains("published avoid@2"));
     let again = folder.run("model publish first avoid").ok().stdout();
-    assert!(again.contains("avoid@1 has this content already"), "{again}");
+    assert!(again.contains("avoid@1 already has this content"), "{again}");
     assert!(folder.run("model list").ok().stdout().contains("avoid  versions 1, 2"));
     let shown = folder.run("model show avoid@1 --json").ok().json();
     assert_eq!(shown["manifest"]["lineage"]["seed"], 5);
     assert_eq!(shown["manifest"]["lineage"]["datasets"]["avoid"], format!("sha256:{}", "ab".repeat(32)));
-    // Nobody guesses what trained a checkpoint that does not say so.
+    // Unknown provenance is omitted, not guessed.
     assert_eq!(shown["manifest"]["lineage"]["software"], serde_json::json!({}));
     assert_eq!(shown["manifest"]["lineage"].get("device"), None);
-    // What goes in and comes out.
+    // Inputs and outputs.
     let interface = &shown["manifest"]["interface"];
     assert_eq!(interface["input"]["width"], 32);
     assert_eq!(interface["output"]["kind"], "avoidance_map");
@@ -71,7 +71,7 @@ fn a_changed_file_is_found_and_never_delivered() {
 }
 
 #[test]
-fn names_that_are_none_are_refused() {
+fn invalid_names_are_refused() {
     let folder = Folder::new();
     checkpoint(&folder, "run", "x");
     for name in ["../out", "a/b", "Upper", "."] {
@@ -85,7 +85,7 @@ fn names_that_are_none_are_refused() {
     folder.run("model publish nowhere avoid").fails(1, &["nowhere/model.json"]);
 }
 
-/// A folder with a registry that has two versions of `avoid`.
+/// Creates a registry with two versions of `avoid`.
 fn two_versions() -> Folder {
     let folder = Folder::new();
     for name in ["first", "second"] {
@@ -98,7 +98,7 @@ fn two_versions() -> Folder {
 #[test]
 fn aliases_move_and_end_and_their_history_stays() {
     let folder = two_versions();
-    // What could steer a terminal is not told.
+    // Control characters are not printed.
     let set = folder.run("model alias avoid champion 2 --reason wins\u{1b} --by ann --json").ok();
     assert!(set.stdout().contains("avoid:champion is avoid@2 from now on"), "{}", set.stdout());
     assert_eq!(set.json()["changed"], true);
@@ -120,11 +120,11 @@ fn aliases_move_and_end_and_their_history_stays() {
     assert_eq!(history.json().as_array().unwrap().len(), 3);
     folder.run("model alias avoid champion 2 --expect none").ok();
     let verified = folder.run("model verify --json").ok().json();
-    assert_eq!((&verified["entries"], &verified["versions"]), (&4.into(), &2.into()));
+    assert_eq!((&verified["events"], &verified["versions"]), (&4.into(), &2.into()));
 }
 
 #[test]
-fn aliases_that_mean_nothing_are_refused() {
+fn invalid_aliases_are_refused() {
     let folder = two_versions();
     folder.run("model alias avoid champion 7").fails(1, &["avoid@7"]);
     folder.run("model alias avoid champion").fails(1, &["no alias `champion`", "none"]);
@@ -141,7 +141,7 @@ fn aliases_that_mean_nothing_are_refused() {
 }
 
 #[test]
-fn a_yanked_version_is_used_only_where_it_is_named_and_with_a_warning() {
+fn a_yanked_version_is_used_only_by_name_and_with_a_warning() {
     let folder = two_versions();
     folder.run("model alias avoid champion 2").ok();
     folder.run("model yank avoid@2").fails(2, &["--reason"]);
@@ -149,7 +149,7 @@ fn a_yanked_version_is_used_only_where_it_is_named_and_with_a_warning() {
     assert!(
         folder.run("model yank avoid@2 --reason leaked").ok().stdout().contains("yanked avoid@2: leaked")
     );
-    assert!(folder.run("model yank avoid@2 --reason x").ok().stdout().contains("already: leaked"));
+    assert!(folder.run("model yank avoid@2 --reason x").ok().stdout().contains("already yanked: leaked"));
     assert!(folder.run("model list").ok().stdout().contains("versions 1, 2 (yanked)"));
     assert_eq!(folder.run("model show avoid --json").ok().json()["version"], 1);
     for model in ["avoid@2", "avoid:champion"] {
@@ -171,7 +171,7 @@ fn garbage_is_shown_first_and_deleted_on_demand() {
     let folder = two_versions();
     let name = format!("models/blobs/sha256/cd/{}", "cd".repeat(32));
     folder.write(&name, "orphan");
-    folder.write("models/models/avoid/versions/000003.json#1", "half");
+    folder.write("models/models/avoid/versions/000003#1", "half");
     let young = folder.run("model gc --json").ok();
     assert_eq!(young.json()["found"], serde_json::json!([]));
     let shown = folder.run("model gc --older-than 0s --json").ok();
@@ -186,7 +186,7 @@ fn garbage_is_shown_first_and_deleted_on_demand() {
 }
 
 #[test]
-fn differences_of_two_versions_are_told() {
+fn differences_between_versions_are_shown() {
     let folder = two_versions();
     checkpoint(&folder, "third", "first");
     folder.write("third/config.toml", "seed = 6\n[phase]\nepochs = 2\n");
@@ -205,9 +205,9 @@ fn differences_of_two_versions_are_told() {
     assert!(same.contains("configuration: the same") && same.contains("files: the same"), "{same}");
 }
 
-/// Exported, imported into another registry under the same name: the same version, also by its digest.
+/// A version that is exported and imported into another registry under its name keeps its digest.
 #[test]
-fn models_go_out_and_come_back() {
+fn exported_models_can_be_imported() {
     let folder = Folder::new();
     checkpoint(&folder, "run", "the weights");
     folder.run("model publish run avoid").ok();
@@ -233,7 +233,7 @@ fn models_go_out_and_come_back() {
     folder.run("model export avoid --format oci --license mit --out x").fails(2, &["--license"]);
 }
 
-/// The example key of RFC 6979, appendix A.2.5, which everybody knows.
+/// The example key of RFC 6979, appendix A.2.5. It is public.
 const KEY: &str = "-----BEGIN EC PRIVATE KEY-----\n\
 MHcCAQEEIMmvqdhFunUWa1whV2ex1pNOUMPbNuibEnuKYisSD2choAoGCCqGSM49\n\
 AwEHoUQDQgAEYP7UuiVanTHJYet0xjVtaMBJuJI7Yfps5mliLmDyn7Z5A/4QCLi8\n\
@@ -254,7 +254,7 @@ fn a_checkpoint_with_other_weights_is_not_published() {
 }
 
 #[test]
-fn a_signature_holds_for_what_was_signed() {
+fn a_signature_verifies_what_was_signed() {
     let folder = Folder::new();
     checkpoint(&folder, "first", "one");
     checkpoint(&folder, "second", "two");
@@ -266,7 +266,7 @@ fn a_signature_holds_for_what_was_signed() {
     folder.run("model sign avoid@1 --key key.pem --out one.sig").fails(1, &["one.sig", "never"]);
     folder.run("model sign avoid@1 --key pub.pem --out x.sig").fails(2, &["pub.pem", "private key"]);
     assert!(!folder.path("model.sig").exists(), "the signature is in the registry");
-    // A folder that is no checkpoint, and has the model's name by chance.
+    // A folder that is not a checkpoint, but has the model's name by chance.
     folder.write("avoid/notes.md", "our plans");
     assert!(folder.run("model sign avoid --key key.pem").ok().stdout().starts_with("avoid@2: signature"));
     folder.run("model verify avoid --public-key pub.pem").ok();
@@ -293,7 +293,7 @@ AwEHoUQDQgAEBgiPsY0Es4qnhEqO2rv1dI7jByWPL29KFdy5+V6TMZ3X/sjxKw8K\n\
 OrzWbTml/CofJ123vjc3+X9L3L4hDBqagQ==\n\
 -----END EC PRIVATE KEY-----\n";
 
-/// Two versions of `avoid`, and keys.
+/// Creates two versions of `avoid`, and keys.
 fn with_keys() -> Folder {
     let folder = two_versions();
     for (file, text) in [("key.pem", KEY), ("pub.pem", PUBLIC_KEY), ("other.pem", OTHER_KEY)] {
@@ -302,7 +302,7 @@ fn with_keys() -> Folder {
     folder
 }
 
-/// Two versions of `avoid`, the first signed by both keys, the other one's first, which also lies in `other.sig`.
+/// Creates two versions of `avoid` and signs the first with both keys. `other.sig` is a file of the first signature.
 fn signed_twice() -> Folder {
     let folder = with_keys();
     folder.run("model sign avoid@1 --key other.pem --out other.sig").ok();
@@ -314,13 +314,13 @@ const VERIFY_SIGNED: &str = "model verify avoid@1 --public-key pub.pem";
 const PULL_SIGNED: &str = "model pull avoid@1 --out pulled --public-key pub.pem";
 
 #[test]
-fn only_what_is_signed_is_delivered_to_who_asks_for_it() {
+fn pulling_with_a_key_requires_a_signature() {
     let folder = with_keys();
     let none = ["avoid@1 is not signed with this key", "no signature is attached"];
     folder.run(VERIFY_SIGNED).fails(1, &none);
     folder.run(PULL_SIGNED).fails(1, &none);
     folder.run("model sign avoid@1 --key other.pem").ok();
-    folder.run(PULL_SIGNED).fails(1, &["of 1 signatures none is by"]);
+    folder.run(PULL_SIGNED).fails(1, &["none of 1 signatures is valid"]);
     assert!(!folder.path("pulled").exists());
     folder.run(&PULL_SIGNED.replace("pub.pem", "other.pem")).fails(2, &["other.pem", "public key"]);
 
@@ -352,7 +352,7 @@ fn a_version_shows_when_it_was_published_and_what_is_attached() {
         let line = format!("  attachment {}: signature by key {} (2", i + 1, hint(i));
         assert!(text.contains(&line), "{line} in\n{text}");
     }
-    // The same files published at another time are no other version.
+    // The same files published at another time are not another version.
     folder.run("model publish first avoid").ok();
     assert_eq!(folder.run("model show avoid@1 --json").ok().json(), shown);
 }
@@ -361,12 +361,12 @@ fn a_version_shows_when_it_was_published_and_what_is_attached() {
 fn signatures_from_files_are_attached_where_they_belong() {
     let folder = signed_twice();
     let again = folder.run("model attach avoid@1 --signature other.sig").ok().stdout();
-    assert!(again.contains("has this signature already"), "{again}");
+    assert!(again.contains("already has this signature"), "{again}");
     folder
         .run("model attach avoid@2 --signature other.sig")
         .fails(1, &["other files were signed", "model.json"]);
     let none = "model attach avoid@2 --signature first/config.toml";
-    folder.run(none).fails(1, &["first/config.toml", "no Sigstore bundle"]);
+    folder.run(none).fails(1, &["first/config.toml", "not a Sigstore bundle"]);
     folder.run("model attach avoid@2").fails(2, &["--evaluation", "--signature"]);
     folder.run("model publish first same").ok();
     folder.run("model attach same@1 --signature other.sig --reason copied --by ann").ok();
@@ -374,7 +374,7 @@ fn signatures_from_files_are_attached_where_they_belong() {
     assert!(shown.contains(": copied (ann, 2"), "{shown}");
     folder.run("model gc --older-than 0s --delete").ok();
     let verified = folder.run("model verify --json").ok().json();
-    assert_eq!((&verified["entries"], &verified["versions"]), (&3.into(), &3.into()));
+    assert_eq!((&verified["events"], &verified["versions"]), (&3.into(), &3.into()));
 }
 
 #[test]
@@ -389,11 +389,52 @@ fn a_damaged_signature_is_found_and_does_not_hide_another() {
     for all in ["", " avoid@1"] {
         let found = folder.run(&format!("model verify{all}"));
         found.fails(1, &["damaged"]);
-        assert!(found.stdout().contains("avoid@1/attachments: "), "{}", found.stdout());
+        assert!(found.stdout().contains("avoid@1/events: "), "{}", found.stdout());
     }
     folder.run(VERIFY_SIGNED).ok();
     folder.run(PULL_SIGNED).ok();
-    // Signed again with the key that it is by, it is whole.
+    // Signing again with the same key repairs it.
     folder.run("model sign avoid@1 --key other.pem").ok();
     folder.run("model verify").ok();
+}
+
+/// The other registry has the versions with their digests, signatures and yanks, also if one command is repeated.
+#[test]
+fn versions_are_copied_to_another_registry() {
+    let folder = with_keys();
+    folder.run("model sign avoid@1 --key key.pem").ok();
+    folder.run("model yank avoid@2 --reason leaked").ok();
+    folder.run("model alias avoid champion 1").ok();
+    let digest = |reference: &str, registry: &str| {
+        let shown = format!("model show {reference} --registry {registry} --json");
+        folder.run(&shown).ok().json()["digest"].clone()
+    };
+    folder.run("model copy avoid --all --aliases --to lab --json").ok();
+    for reference in ["avoid@1", "avoid@2", "avoid:champion"] {
+        assert_eq!(digest(reference, "lab"), digest(reference, "models"), "{reference}");
+    }
+    folder.run(&format!("{VERIFY_SIGNED} --registry lab")).ok();
+    let shown = folder.run("model show avoid@2 --registry lab --json").ok().json();
+    assert_eq!(shown["yanked"]["reason"], "leaked");
+    let again = folder.run("model copy avoid --all --aliases --to lab --json").ok();
+    assert!(again.stdout().contains("avoid@1: already there as avoid@1"), "{}", again.stdout());
+    assert_eq!(again.json()[1]["copied"]["is_new"], false);
+
+    // Numbers have no gaps, so the second version alone is the first one there.
+    let alone = folder.run("model copy avoid@2 --to other --json").ok();
+    assert!(alone.stdout().contains("avoid@2: copied as avoid@1"), "{}", alone.stdout());
+    assert_eq!(
+        (&alone.json()[0]["from"], &alone.json()[0]["copied"]["version"]["version"]),
+        (&2.into(), &1.into())
+    );
+    assert_eq!(digest("avoid@1", "other"), digest("avoid@2", "models"));
+    folder.run("model copy avoid@1 --to other").ok();
+    folder.run("model pull avoid@2 --registry other --out pulled --public-key pub.pem").ok();
+    for registry in ["lab", "other"] {
+        folder.run(&format!("model verify --registry {registry}")).ok();
+    }
+    folder.run("model copy avoid@9 --to new").fails(1, &["avoid@9"]);
+    folder.run("model copy other --all --to new").fails(1, &["no model `other`", "avoid"]);
+    folder.run("model copy avoid@1 --all --to new").fails(2, &["avoid@1"]);
+    assert!(!folder.path("new").exists(), "nothing is created for a wrong name");
 }

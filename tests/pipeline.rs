@@ -146,9 +146,9 @@ fn a_model_is_trained_published_and_evaluated_by_name() {
     assert!(metrics["validation_position_error_mm"].as_f64().unwrap() > 0.0);
     // A network that was published before its evaluation gets it as an attachment, once.
     for (name, expected) in [
-        ("measured", "measured@1 has these metrics already"),
+        ("measured", "measured@1 already has these metrics"),
         ("approach", "approach@1: evaluation attached"),
-        ("approach", "approach@1 has these metrics already"),
+        ("approach", "approach@1 already has these metrics"),
     ] {
         let reported = folder.run(&format!("model publish run/best {name} --evaluation e2")).ok().stdout();
         assert!(reported.contains(expected), "{reported}");

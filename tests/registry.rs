@@ -1,6 +1,6 @@
-//! The registry under attack: stores that will not do, many publishers at once with readers in between, SIGKILL.
+//! The registry under stress: unsuitable locations, simultaneous publishers with readers in between, SIGKILL.
 //!
-//! `FLOWSERVO_RACES` and `FLOWSERVO_KILLS` say how often; a few times by default.
+//! `FLOWSERVO_RACES` and `FLOWSERVO_KILLS` set the number of rounds. The default is small.
 
 use crate::models::checkpoint;
 use crate::support::{Folder, Run, safetensors};
@@ -12,27 +12,27 @@ use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A number from the environment.
-fn how_often(variable: &str, default: usize) -> usize {
+/// Reads a number from the environment.
+fn rounds_of(variable: &str, default: usize) -> usize {
     std::env::var(variable).map_or(default, |text| text.parse().unwrap())
 }
 
 #[test]
-fn a_registry_is_created_where_nothing_else_is() {
+fn a_registry_is_created_only_in_an_empty_folder() {
     let folder = Folder::new();
     assert_eq!(folder.run("model init --json").ok().json()["created"], true);
     let again = folder.run("model init --json").ok();
     assert_eq!(again.json()["created"], false);
     assert_eq!(folder.files("models").keys().collect::<Vec<_>>(), ["registry.json"]);
     folder.write("other/notes.txt", "mine");
-    folder.run("model init --registry other").fails(1, &["other", "notes.txt", "empty or a new folder"]);
+    folder.run("model init --registry other").fails(1, &["other", "notes.txt", "empty or new folder"]);
     folder.run("model list --registry nowhere").fails(1, &["nowhere", "model init"]);
     folder.run("model init --registry gs://lab/models").fails(2, &["gs://lab/models", "s3://BUCKET/PREFIX"]);
 }
 
 #[cfg(not(feature = "s3"))]
 #[test]
-fn without_s3_it_is_said_how_to_build_with_it() {
+fn without_s3_the_error_explains_how_to_build_with_it() {
     let folder = Folder::new();
     for command in ["list", "init", "publish run approach"] {
         let run = folder.run(&format!("model {command} --registry s3://lab/models"));
@@ -40,18 +40,18 @@ fn without_s3_it_is_said_how_to_build_with_it() {
     }
 }
 
-/// How many publish at once.
+/// Number of simultaneous publishers.
 const PUBLISHERS: usize = 16;
 
 #[test]
-fn of_publishers_at_once_each_gets_a_version_and_readers_see_whole_ones() {
-    let rounds = how_often("FLOWSERVO_RACES", 3);
+fn simultaneous_publishers_each_get_a_version_and_readers_see_complete_ones() {
+    let rounds = rounds_of("FLOWSERVO_RACES", 3);
     let folder = Folder::new();
     let weights = |round: usize, publisher: usize| format!("{round} {publisher} ").repeat(5000);
     let mut published = Vec::new();
     let racing = AtomicBool::new(true);
     let seen = std::thread::scope(|scope| {
-        // Ends the reader also when an assertion fails here.
+        // Stops the reader even if an assertion fails here.
         let _stop = OnDrop(|| racing.store(false, Ordering::Relaxed));
         let reader = scope.spawn(|| read_all_the_time(&folder, &racing));
         for round in 0..rounds {
@@ -80,11 +80,12 @@ fn of_publishers_at_once_each_gets_a_version_and_readers_see_whole_ones() {
             "approach@{version} was half visible"
         );
     }
-    assert!(!seen.is_empty(), "nothing was pulled meanwhile");
+    assert!(!seen.is_empty(), "nothing was pulled in the meantime");
     folder.run("model verify").ok();
-    let lost = unnamed_blobs(&folder, rounds * PUBLISHERS);
-    assert!(lost > 0, "nobody lost a race, so there was none");
-    eprintln!("{} versions, {lost} lost races, {} pulled meanwhile", published.len(), seen.len());
+    assert_eq!(unnamed_blobs(&folder, rounds * PUBLISHERS), 0);
+    let overlaps = overlaps(&folder, rounds * PUBLISHERS);
+    assert!(overlaps > 0, "no two publications overlapped, so there was no race");
+    eprintln!("{} versions, {overlaps} overlaps, {} pulled in the meantime", published.len(), seen.len());
 }
 
 /// Calls a function when dropped.
@@ -110,13 +111,13 @@ fn publish_at_once(folder: &Folder) -> Vec<Run> {
     })
 }
 
-/// Lists, verifies and pulls until the race is over; all versions that were pulled, with their weights.
+/// Lists, verifies and pulls until the race is over. Returns the pulled versions with their weights.
 fn read_all_the_time(folder: &Folder, racing: &AtomicBool) -> Vec<(u64, Vec<u8>)> {
     let (mut seen, mut newest) = (Vec::new(), 0);
     while racing.load(Ordering::Relaxed) {
         let listed = folder.run("model list --json");
         if !listed.succeeded() {
-            listed.fails(1, &["no registry here"]);
+            listed.fails(1, &["there is no registry at"]);
             continue;
         }
         let listed = listed.json();
@@ -134,33 +135,55 @@ fn read_all_the_time(folder: &Folder, racing: &AtomicBool) -> Vec<(u64, Vec<u8>)
     seen
 }
 
-/// The manifest of a version of `approach`.
-fn manifest(folder: &Folder, version: u64) -> Value {
-    let path = folder.path(&format!("models/models/approach/versions/{version:06}.json"));
-    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+/// Path of the pointer to a version of `approach`.
+fn pointer(version: u64) -> String {
+    format!("models/models/approach/versions/{version:06}")
 }
 
-/// Path of the blob that a descriptor names.
-fn blob(descriptor: &Value) -> String {
-    let hex = descriptor["digest"].as_str().unwrap().strip_prefix("sha256:").unwrap();
+/// Path of the blob with a digest.
+fn blob(digest: &str) -> String {
+    let hex = digest.trim_end().strip_prefix("sha256:").unwrap();
     format!("models/blobs/sha256/{}/{hex}", &hex[..2])
 }
 
-/// The weights of a version, as they lie in the store.
+/// Path of the manifest of a version.
+fn manifest_path(folder: &Folder, version: u64) -> String {
+    blob(&fs::read_to_string(folder.path(&pointer(version))).unwrap())
+}
+
+/// Reads the manifest of a version.
+fn manifest(folder: &Folder, version: u64) -> Value {
+    serde_json::from_slice(&fs::read(folder.path(&manifest_path(folder, version))).unwrap()).unwrap()
+}
+
+/// Path of the blob that a descriptor names.
+fn described(descriptor: &Value) -> String {
+    blob(descriptor["digest"].as_str().unwrap())
+}
+
+/// Reads the weights of a version from the store.
 fn stored_weights(folder: &Folder, version: u64) -> Vec<u8> {
     let manifest = manifest(folder, version);
     let layers = manifest["layers"].as_array().unwrap();
     let layer = layers.iter().find(|layer| layer["annotations"].to_string().contains("weights")).unwrap();
-    fs::read(folder.path(&blob(layer))).unwrap()
+    fs::read(folder.path(&described(layer))).unwrap()
 }
 
-/// How many blobs no version names: the manifests of those who found their number taken.
+/// Counts the publications whose manifest was stored before the previous version got its number.
+fn overlaps(folder: &Folder, versions: usize) -> usize {
+    let modified = |path: &str| fs::metadata(folder.path(path)).unwrap().modified().unwrap();
+    let overlaps =
+        |version: &u64| modified(&manifest_path(folder, version + 1)) < modified(&pointer(*version));
+    (1..versions as u64).filter(overlaps).count()
+}
+
+/// Counts the blobs that no version names.
 fn unnamed_blobs(folder: &Folder, versions: usize) -> usize {
     let mut named = BTreeSet::new();
     for version in 1..=versions as u64 {
         let manifest = manifest(folder, version);
-        named.extend(manifest["layers"].as_array().unwrap().iter().map(blob));
-        named.insert(blob(&manifest["config"]));
+        named.extend(manifest["layers"].as_array().unwrap().iter().map(described));
+        named.insert(described(&manifest["config"]));
     }
     folder.files("models/blobs").len() - named.len() - versions
 }
@@ -168,13 +191,13 @@ fn unnamed_blobs(folder: &Folder, versions: usize) -> usize {
 /// When to kill a publication.
 #[derive(Debug, Clone, Copy)]
 enum Moment {
-    /// So long after it began.
+    /// This long after it started.
     After(Duration),
-    /// As soon as a file of a blob is begun.
+    /// When it has started to write a blob.
     Begun,
-    /// As soon as there are so many files more.
+    /// When it has written this many files.
     Files(usize),
-    /// As soon as the version has got its number.
+    /// When the version has its number.
     Numbered,
 }
 
@@ -186,14 +209,14 @@ fn a_publication_may_be_killed_at_any_moment() {
     let blobs = folder.path("models/blobs");
     let numbered = || entries(&versions, &|name| !name.contains('#'));
     let (mut kills, mut random, mut halves) = (0, 11_u64, 0);
-    let wanted = how_often("FLOWSERVO_KILLS", 20);
+    let wanted = rounds_of("FLOWSERVO_KILLS", 20);
     for round in 0.. {
         if kills == wanted {
             break;
         }
         assert!(round < 4 * wanted, "{kills} kills in {round} rounds");
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        // Every third is large enough to be written in parts.
+        // Every third checkpoint is large enough to be written in parts.
         let size = if round % 3 == 0 { 10_000_000 } else { 1000 };
         checkpoint(&folder, "run", &format!("{round:09}\n").repeat(size / 10));
         let moment = match round % 8 {
@@ -218,16 +241,16 @@ fn a_publication_may_be_killed_at_any_moment() {
         assert_eq!(numbered(), before.1 + 1);
     }
     folder.run("model verify").ok();
-    assert!(halves > 0, "no kill was in the midst of a blob");
+    assert!(halves > 0, "no kill interrupted the writing of a blob");
     eprintln!("{kills} kills, {halves} half-written blobs left, {} versions", numbered());
 }
 
-/// How many files lie below a folder whose name is such.
-fn entries(folder: &Path, such: &dyn Fn(&str) -> bool) -> usize {
+/// Counts the files below a folder with matching names.
+fn entries(folder: &Path, matches: &dyn Fn(&str) -> bool) -> usize {
     let Ok(found) = fs::read_dir(folder) else { return 0 };
     let count = |entry: fs::DirEntry| match entry.file_type() {
-        Ok(kind) if kind.is_dir() => entries(&entry.path(), such),
-        _ => usize::from(such(&entry.file_name().to_string_lossy())),
+        Ok(kind) if kind.is_dir() => entries(&entry.path(), matches),
+        _ => usize::from(matches(&entry.file_name().to_string_lossy())),
     };
     found.filter_map(Result::ok).map(count).sum()
 }

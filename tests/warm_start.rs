@@ -37,7 +37,9 @@ fn a_folder_without_a_checkpoint_does_not_hide_a_model() {
     folder.write("approach/notes.md", "our plans");
     let began = folder.run(&train("--from approach --out second")).ok();
     assert!(began.stderr().contains("starts from approach@1"), "{}", began.stderr());
-    folder.run(&train("--from first --out third")).fails(2, &["first has no model.json", "no model `first`"]);
+    folder
+        .run(&train("--from first --out third"))
+        .fails(2, &["no model `first`: the folder has no model.json", "no model `first`"]);
 }
 
 #[test]
@@ -49,7 +51,7 @@ fn the_next_version_names_its_parent() {
     let ((first, digest), (second, _)) = (lineage(&folder, "approach@1"), lineage(&folder, "approach@2"));
     assert_eq!((&first["parent"], &second["parent"]), (&Value::Null, &digest));
     let shown = folder.run("model show approach@2").ok().stdout();
-    assert!(shown.contains(&format!("begun from {}", digest.as_str().unwrap())), "{shown}");
+    assert!(shown.contains(&format!("started from {}", digest.as_str().unwrap())), "{shown}");
     // The software is that of the training run, not that of the publisher.
     for lineage in [first, second] {
         assert_eq!(lineage["device"], "CPU");
@@ -90,8 +92,7 @@ fn unusable_parents_are_refused_before_anything_is_written() {
     let folder = published();
     let begin = |from: &str| folder.run(&train(&format!("--out run --from {from}")));
     for unknown in ["approach@7", "approach:challenger", "nowhere", "no/where"] {
-        begin(unknown)
-            .fails(2, &[unknown, "is no checkpoint's folder, and cannot be had from the registry models"]);
+        begin(unknown).fails(2, &[&format!("no model `{unknown}`: not a checkpoint folder")]);
     }
     begin("approach --registry elsewhere").fails(2, &["approach", "elsewhere"]);
     begin("approach --set network.width=0.04").fails(1, &["approach@1 has network.width = 0.02", "has 0.04"]);

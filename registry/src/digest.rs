@@ -11,30 +11,30 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::error::{Error, Result};
-
-/// SHA-256 of some content, written `sha256:` and 64 lower-case hexadecimal digits.
+/// SHA-256 of some content, written as `sha256:` and 64 lower-case hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Digest([u8; 32]);
 
+/// A text that is not a digest.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not a digest: expected `sha256:` and 64 lower-case hexadecimal digits")]
+pub struct InvalidDigest(String);
+
 impl Digest {
-    /// The digest of `content`.
+    /// Computes the digest of `content`.
     pub fn of(content: &[u8]) -> Self {
-        let mut hasher = Hasher::default();
-        hasher.update(content);
-        hasher.finish().digest
+        Fingerprint::of_bytes(content).digest
     }
 
-    /// The 32 bytes.
+    /// Returns the 32 bytes.
     pub(crate) fn bytes(&self) -> &[u8; 32] {
         &self.0
     }
 
-    /// The 64 hexadecimal digits alone.
+    /// Returns the 64 hexadecimal digits alone.
     pub fn hex(&self) -> String {
-        let nibbles = self.0.iter().flat_map(|byte| [byte >> 4, byte & 15]);
-        nibbles.filter_map(|nibble| char::from_digit(nibble.into(), 16)).collect()
+        hex::encode(self.0)
     }
 }
 
@@ -51,34 +51,21 @@ impl fmt::Debug for Digest {
 }
 
 impl FromStr for Digest {
-    type Err = Error;
+    type Err = InvalidDigest;
 
-    fn from_str(text: &str) -> Result<Self> {
-        let refusal = || Error::Digest { text: text.to_owned() };
-        let hex = text.strip_prefix("sha256:").filter(|hex| hex.len() == 64).ok_or_else(refusal)?;
-        let mut bytes = [0; 32];
-        for (byte, pair) in bytes.iter_mut().zip(hex.as_bytes().chunks_exact(2)) {
-            *byte = nibble(pair[0])
-                .zip(nibble(pair[1]))
-                .map(|(high, low)| high << 4 | low)
-                .ok_or_else(refusal)?;
-        }
-        Ok(Self(bytes))
-    }
-}
-
-fn nibble(digit: u8) -> Option<u8> {
-    match digit {
-        b'0'..=b'9' => Some(digit - b'0'),
-        b'a'..=b'f' => Some(digit - b'a' + 10),
-        _ => None,
+    fn from_str(text: &str) -> Result<Self, InvalidDigest> {
+        let mut digest = Self([0; 32]);
+        let decoded = text.strip_prefix("sha256:").map(|digits| hex::decode_to_slice(digits, &mut digest.0));
+        // The decoder also takes upper-case digits, but a digest has one spelling.
+        let is_exact = decoded.is_some_and(|decoded| decoded.is_ok()) && digest.to_string() == text;
+        if is_exact { Ok(digest) } else { Err(InvalidDigest(text.to_owned())) }
     }
 }
 
 impl TryFrom<String> for Digest {
-    type Error = Error;
+    type Error = InvalidDigest;
 
-    fn try_from(text: String) -> Result<Self> {
+    fn try_from(text: String) -> Result<Self, InvalidDigest> {
         text.parse()
     }
 }
@@ -89,7 +76,7 @@ impl From<Digest> for String {
     }
 }
 
-/// What a content is known by: two contents with the same fingerprint are the same.
+/// Digest and size of some content. Contents with equal fingerprints are equal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Fingerprint {
     pub(crate) digest: Digest,
@@ -97,7 +84,14 @@ pub(crate) struct Fingerprint {
 }
 
 impl Fingerprint {
-    /// Of all that `reader` gives, in bounded memory.
+    /// Computes the fingerprint of `content`.
+    pub(crate) fn of_bytes(content: &[u8]) -> Self {
+        let mut hasher = Hasher::default();
+        hasher.update(content);
+        hasher.finish()
+    }
+
+    /// Computes the fingerprint of everything that `reader` returns, in bounded memory.
     pub(crate) fn of(mut reader: impl Read) -> io::Result<Self> {
         let mut hasher = Hasher::default();
         let mut buffer = vec![0; 1 << 16];
@@ -112,7 +106,7 @@ impl Fingerprint {
     }
 }
 
-/// Takes a content piece by piece.
+/// Computes a fingerprint piece by piece.
 #[derive(Default)]
 pub(crate) struct Hasher {
     state: Sha256,
@@ -130,10 +124,10 @@ impl Hasher {
     }
 }
 
-/// Does `work` while a thread hashes what it hands over: the hash costs as much time as reading or writing does.
-pub(crate) fn hash_meanwhile<T>(
-    work: impl FnOnce(&mut dyn FnMut(Bytes)) -> Result<T>,
-) -> Result<(T, Fingerprint)> {
+/// Runs `work` while another thread hashes the pieces that it hands over. Hashing takes about as long as reading or writing.
+pub(crate) fn hash_in_background<T, E>(
+    work: impl FnOnce(&mut dyn FnMut(Bytes)) -> Result<T, E>,
+) -> Result<(T, Fingerprint), E> {
     thread::scope(|scope| {
         let (sender, pieces) = mpsc::sync_channel::<Bytes>(1);
         let hashing = scope.spawn(move || {
@@ -143,7 +137,7 @@ pub(crate) fn hash_meanwhile<T>(
             }
             hasher.finish()
         });
-        // Nobody receives only if hashing panicked, which comes to light at the end.
+        // Sending fails only if hashing panicked, which is propagated below.
         let done = work(&mut |piece| drop(sender.send(piece)));
         drop(sender);
         let content = hashing.join().unwrap_or_else(|panic| resume_unwind(panic));

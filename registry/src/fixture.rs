@@ -1,4 +1,4 @@
-//! Set-up shared by the tests: registries on a folder and in memory, small checkpoints.
+//! Test fixtures: registries in a folder and in memory, small checkpoints.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,17 +11,18 @@ use p256::SecretKey;
 use p256::pkcs8::{EncodePrivateKey as _, LineEnding};
 use tempfile::TempDir;
 
-use crate::attachment::Attachment;
-use crate::evaluation::Evaluation;
-use crate::manifest::Provenance;
-use crate::name::ModelName;
-use crate::publish::Published;
-use crate::quirk::{Quirk, Quirky};
-use crate::registry::{ModelVersion, Registry};
+use crate::events::attachment::Attachment;
+use crate::events::evaluation::Evaluation;
+use crate::model::{ModelName, ModelVersion, Provenance};
+use crate::outcome::Outcome;
+use crate::registry::{Registry, versions_key};
 use crate::signature::PrivateKey;
 use crate::store::Store;
+use crate::store::location::Location;
+use crate::store::misbehaving::{MisbehavingStore, Misbehavior};
+use crate::store::sequence::pointer_key;
 
-/// A place for a registry and for what is pulled from it, gone when dropped.
+/// A temporary folder for a registry and for what is pulled from it.
 pub(crate) struct Place {
     folder: TempDir,
     in_memory: bool,
@@ -32,7 +33,7 @@ impl Place {
         Self { folder: tempfile::tempdir().unwrap(), in_memory: false }
     }
 
-    /// The same code must serve every kind of store.
+    /// One place for each kind of store. The same code must serve both.
     pub(crate) fn all() -> [Self; 2] {
         [Self::local(), Self { in_memory: true, ..Self::local() }]
     }
@@ -41,12 +42,16 @@ impl Place {
         self.folder.path().join(name)
     }
 
+    pub(crate) fn location(&self) -> Location {
+        Location::from(&self.path("registry"))
+    }
+
     pub(crate) fn store(&self) -> Store {
         if self.in_memory {
             Store::new(Arc::new(InMemory::new()), "memory".into())
         } else {
             fs::create_dir_all(self.path("registry")).unwrap();
-            Store::open(&(&self.path("registry")).into()).unwrap()
+            Store::open(&self.location()).unwrap()
         }
     }
 
@@ -54,11 +59,11 @@ impl Place {
         if self.in_memory {
             Registry::on(self.store()).unwrap()
         } else {
-            Registry::init(&self.path("registry")).unwrap()
+            Registry::init(&self.location()).unwrap()
         }
     }
 
-    /// A checkpoint with these weights, a configuration that never changes, and a file in a folder.
+    /// Creates a checkpoint with these weights, a constant configuration, and a file in a folder.
     pub(crate) fn checkpoint(&self, name: &str, weights: &[u8]) -> PathBuf {
         let root = self.path(name);
         fs::create_dir_all(root.join("state")).unwrap();
@@ -72,43 +77,48 @@ impl Place {
     pub(crate) fn publish(&self, registry: &Registry, name: &str, weights: &[u8]) -> ModelVersion {
         let checkpoint = self.checkpoint("checkpoint", weights);
         match registry.publish(&model(name), &checkpoint, Provenance::default()).unwrap() {
-            Published::New(version) => version,
-            Published::AlreadyThere(version) => panic!("{version} is already there"),
+            Outcome::New(version) => version,
+            Outcome::AlreadyThere(version) => panic!("{version} is already there"),
         }
     }
 }
 
-/// A safetensors file with these bytes as its one tensor.
+/// Returns a safetensors file with these bytes as its only tensor.
 pub(crate) fn safetensors(data: &[u8]) -> Vec<u8> {
     let size = data.len();
     let header = format!(r#"{{"w":{{"dtype":"U8","shape":[{size}],"data_offsets":[0,{size}]}}}}"#);
     [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), data].concat()
 }
 
-/// A store in memory with a quirk.
-pub(crate) fn quirky(quirk: Quirk) -> Store {
-    let objects = Quirky { quirk, objects: InMemory::new(), asked: AtomicUsize::new(1) };
-    Store::new(Arc::new(objects), "quirky".into())
+/// Creates a store in memory that misbehaves.
+pub(crate) fn misbehaving(misbehavior: Misbehavior) -> Store {
+    let (objects, requests) = (InMemory::new(), AtomicUsize::new(1));
+    Store::new(Arc::new(MisbehavingStore { misbehavior, objects, requests }), "misbehaving".into())
+}
+
+/// Returns the key of the pointer to version `number` of `approach`.
+pub(crate) fn version_key(number: u64) -> String {
+    pointer_key(&versions_key(&model("approach")), number)
 }
 
 pub(crate) fn model(name: &str) -> ModelName {
     name.parse().unwrap()
 }
 
-/// An evaluation with one metric.
+/// Returns an evaluation with one metric.
 pub(crate) fn evaluation(metric: &str, value: f64) -> Attachment {
     let metrics = BTreeMap::from([(metric.to_owned(), value)]);
     let configuration = BTreeMap::from([("sessions".to_owned(), 40.into())]);
     Attachment::Evaluation(Evaluation { metrics, configuration })
 }
 
-/// The key with this scalar, repeated.
+/// Returns the key with this scalar, repeated.
 pub(crate) fn key(scalar: u8) -> PrivateKey {
     let secret = SecretKey::from_slice(&[scalar; 32]).unwrap();
     PrivateKey::from_pem(&secret.to_pkcs8_pem(LineEnding::LF).unwrap()).unwrap()
 }
 
-/// Bytes with no period that a part or buffer could hide.
+/// Returns bytes without a period, which parts or buffers could hide.
 pub(crate) fn bytes(size: usize) -> Vec<u8> {
     (0..size as u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect()
 }

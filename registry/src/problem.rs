@@ -1,4 +1,4 @@
-//! What is wrong with a published version, an alias, a yank or an attachment: found by `verify`, and the reason why `pull` refuses.
+//! Damage to a registry: what `verify` reports, and why other operations refuse.
 
 use std::fmt;
 
@@ -9,9 +9,10 @@ use crate::digest::{Digest, Fingerprint};
 /// One object of the registry that is not what was published.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// What it spoils, `approach@3`, `approach:champion` or `approach@3/attachments`; `None` where the object belongs to none.
+    /// What the problem affects: a version (`approach@3`), its events (`approach@3/events`) or an alias
+    /// (`approach:champion`). `None` if it affects none of them.
     pub model: Option<String>,
-    /// The checkpoint's file that it spoils; `None` where it is the manifest or the configuration.
+    /// The affected file of the checkpoint. `None` for a manifest, a model configuration or an event.
     pub file: Option<String>,
     /// Key of the object below the registry's root.
     pub object: String,
@@ -25,32 +26,34 @@ pub struct Problem {
 #[serde(tag = "fault", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Fault {
-    /// The object is not there.
+    /// The object is missing.
     #[error("is missing")]
     Missing,
-    /// The object has another size than the manifest says.
+    /// The object has the wrong size.
     #[error("has {found} bytes, expected {expected}")]
     Size {
-        /// Bytes that the manifest states.
+        /// Size that the manifest states.
         expected: u64,
-        /// Bytes that are there.
+        /// Size of the object.
         found: u64,
     },
-    /// The object has another content than the manifest says.
+    /// The object has the wrong content.
     #[error("has digest {found}, expected {expected}")]
     Digest {
-        /// Digest that the manifest states.
+        /// Digest that the object must have.
         expected: Digest,
-        /// Digest of what is there.
+        /// Digest of the object.
         found: Digest,
     },
-    /// The manifest or entry is not among the blobs: it is not the one that was published, or its blob was lost.
-    #[error("was altered after publishing, or its copy among the blobs ({digest}) is lost")]
-    Altered {
-        /// Digest of the manifest or entry as it is now.
+    /// A numbered pointer names a blob that does not exist.
+    #[error(
+        "names {digest}, which is not among the blobs: either this pointer was altered, or the blob is lost"
+    )]
+    Dangling {
+        /// Digest that the pointer names.
         digest: Digest,
     },
-    /// The manifest or entry cannot be understood, or does not belong here.
+    /// The object cannot be understood, or is in the wrong place.
     #[error("is not what belongs here: {reason}")]
     Malformed {
         /// What is wrong with it.
@@ -59,12 +62,12 @@ pub enum Fault {
     /// The store could not read the object.
     #[error("cannot be read: {reason}")]
     Unreadable {
-        /// What the store answered.
+        /// The store's answer.
         reason: String,
     },
     /// The object, or a folder on the way to it, is a symbolic link.
     #[error(
-        "is a symbolic link, and a registry follows none: put what it points to in its place, or remove it"
+        "is a symbolic link, which a registry does not follow: replace it with what it points to, or remove it"
     )]
     Link,
     /// The object is a named pipe, a socket or a device.
@@ -76,15 +79,15 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// What to do about it, where the fault itself does not say.
+    /// Returns advice, where the fault's own message has none.
     pub(crate) fn remedy(&self) -> &'static str {
         match self {
             Self::Link | Self::Special | Self::Stray => "",
-            _ => "; restore the registry from a copy, or publish the checkpoint again",
+            _ => "; restore the registry from a backup, or publish the checkpoint again",
         }
     }
 
-    /// What is wrong with a blob that holds `found` where the manifest states `expected`.
+    /// Compares the content of a blob with the expected one.
     pub(crate) fn of_blob(expected: Fingerprint, found: Option<Fingerprint>) -> Option<Self> {
         match found {
             None => Some(Self::Missing),
@@ -96,6 +99,16 @@ impl Fault {
             }
             Some(_) => None,
         }
+    }
+
+    /// Attributes the fault to the object `key`, which belongs to `model`.
+    pub(crate) fn of(self, model: &str, key: &str) -> Problem {
+        Problem { model: Some(model.to_owned()), file: None, object: key.to_owned(), fault: self }
+    }
+
+    /// Attributes the fault to the object `key`, which belongs to no model.
+    pub(crate) fn at(self, key: &str) -> Problem {
+        Problem { model: None, file: None, object: key.to_owned(), fault: self }
     }
 }
 
@@ -116,15 +129,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn is_told_to_people_and_to_scripts() {
+    fn reads_well_and_serializes() {
         let problem = Problem {
             model: Some("approach@3".into()),
             file: Some("weights.safetensors".into()),
             object: "blobs/sha256/ab/ab".into(),
             fault: Fault::Size { expected: 12, found: 11 },
         };
-        let told = "approach@3: weights.safetensors (blobs/sha256/ab/ab) has 11 bytes, expected 12";
-        assert_eq!(problem.to_string(), told);
+        let message = "approach@3: weights.safetensors (blobs/sha256/ab/ab) has 11 bytes, expected 12";
+        assert_eq!(problem.to_string(), message);
         let json = r#"{"model":"approach@3","file":"weights.safetensors","object":"blobs/sha256/ab/ab","fault":"size","expected":12,"found":11}"#;
         assert_eq!(serde_json::to_string(&problem).unwrap(), json);
     }

@@ -1,9 +1,9 @@
-//! Signatures of models, in the form of OpenSSF Model Signing (OMS): a Sigstore bundle with a DSSE envelope, in which
-//! an in-toto statement lists the digest of every file. Offline, with an ECDSA key on the curve NIST P-256.
+//! Signatures of models in the format of OpenSSF Model Signing (OMS): a Sigstore bundle with a DSSE envelope, in which an in-toto
+//! statement lists the digest of every file. Signing works offline, with an ECDSA key on the curve NIST P-256.
 //!
 //! Sources: <https://github.com/sigstore/model-transparency> (the statement), <https://github.com/secure-systems-lab/dsse>
-//! (protocol 1.0.0), <https://github.com/in-toto/attestation> (Statement v1). Checked against the Python package
-//! `model-signing` by `tests/python/models.sh`.
+//! (protocol 1.0.0), <https://github.com/in-toto/attestation> (Statement v1). `tests/python/models.sh` exchanges signatures with
+//! the Python package `model-signing`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -13,27 +13,25 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use p256::ecdsa::signature::{Signer as _, Verifier as _};
 use p256::pkcs8::{DecodePrivateKey as _, DecodePublicKey as _, EncodePublicKey as _, LineEnding};
 use p256::{SecretKey, ecdsa};
-use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use crate::attachment::{Attachment, SIGNATURE, of_kind};
-use crate::checkpoint;
-use crate::digest::{Digest, Hasher};
+use crate::digest::{Digest, Hasher, InvalidDigest};
 use crate::error::{Error, Result};
-use crate::log::Entry;
-use crate::registry::{ModelVersion, Registry};
+use crate::model::{ModelVersion, checkpoint};
 
+/// Media type of a signature.
+pub(crate) const MEDIA_TYPE: &str = "application/vnd.dev.sigstore.bundle.v0.3+json";
 const PAYLOAD: &str = "application/vnd.in-toto+json";
 const STATEMENT: &str = "https://in-toto.io/Statement/v1";
 const PREDICATE: &str = "https://model_signing/signature/v1.0";
 
-/// Characters of a hint on a key that are told: SHA-256 in hexadecimal digits.
+/// Longest reported key hint: SHA-256 in hexadecimal digits.
 const HINT_LENGTH: usize = 64;
 
-/// What lies in a model's folder and is no part of it: the signature, and what belongs to Git.
+/// Files in a model's folder that are not part of the model: the signature, and those of Git.
 const IGNORED: [&str; 5] = ["model.sig", ".git", ".gitattributes", ".github", ".gitignore"];
 
-/// What is signed: a model's name, its files and their digests.
+/// The subject of a signature: a model's name, and its files with their digests.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SignedFiles {
     /// The model's name.
@@ -43,27 +41,20 @@ pub struct SignedFiles {
 }
 
 impl SignedFiles {
-    /// The files in a folder, but for `model.sig` and what belongs to Git.
+    /// Hashes the files in a folder, except for `model.sig` and those of Git.
     pub fn in_folder(folder: &Path) -> Result<Self> {
-        let whole = folder.canonicalize().map_err(Error::io("read the folder", folder))?;
-        let name = whole.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let absolute = folder.canonicalize().map_err(Error::io("read the folder", folder))?;
+        let name = absolute.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut files = BTreeMap::new();
-        for (path, source) in checkpoint::list_except(folder, &IGNORED)? {
+        for (path, source) in checkpoint::list(folder, &IGNORED)? {
             files.insert(path, checkpoint::fingerprint(&source)?.digest);
         }
         Ok(Self { name, files })
     }
 
-    /// The files of a version, as its manifest names them.
+    /// Returns the files of a version, as its manifest lists them.
     pub fn of_version(version: &ModelVersion) -> Self {
-        let layers = version.manifest.layers.iter();
-        let files = layers.map(|layer| (layer.path().unwrap_or_default().to_owned(), layer.digest)).collect();
-        Self { name: version.name.to_string(), files }
-    }
-
-    /// SHA-256 over the digests in the order of the paths.
-    fn root(&self) -> Digest {
-        root(self.files.values())
+        Self { name: version.name.to_string(), files: version.manifest.files() }
     }
 
     fn statement(&self) -> String {
@@ -74,20 +65,20 @@ impl SignedFiles {
         });
         json!({
             "_type": STATEMENT,
-            "subject": [{ "name": self.name, "digest": { "sha256": self.root().hex() } }],
+            "subject": [{ "name": self.name, "digest": { "sha256": root(self.files.values()).hex() } }],
             "predicateType": PREDICATE,
             "predicate": { "serialization": serialization, "resources": resources },
         })
         .to_string()
     }
 
-    /// Signs them. The same key and files give the same bytes.
+    /// Signs the files. The same key and files give the same bytes.
     pub fn sign(&self, key: &PrivateKey) -> Result<Signature> {
         let statement = self.statement();
         let signature: ecdsa::DerSignature = key.0.sign(&pre_authentication(PAYLOAD, statement.as_bytes()));
         let hint = PublicKey(*key.0.verifying_key()).hint()?;
         let bundle = json!({
-            "mediaType": SIGNATURE,
+            "mediaType": MEDIA_TYPE,
             "verificationMaterial": { "publicKey": { "hint": hint }, "tlogEntries": [] },
             "dsseEnvelope": {
                 "payload": BASE64.encode(&statement),
@@ -98,286 +89,190 @@ impl SignedFiles {
         Signature::parse(format!("{bundle}\n").as_bytes())
     }
 
-    /// Checks that `signature` was made with the key that belongs to `key`, over exactly these files. The name may be another.
+    /// Verifies that `signature` was made with the private key of `key`, over exactly these files. The name may differ.
     pub fn verify(&self, signature: &Signature, key: &PublicKey) -> Result<()> {
-        let refuse = |reason| Error::Signature { reason };
-        let signed = signature.bundle.open(key).and_then(|statement| statement.files()).map_err(refuse)?;
-        self.compare(&signed)
+        let payload = signature.payload().map_err(Error::Signature)?;
+        if !signature.is_by(key, &payload) {
+            let hint = signature.key_hint().unwrap_or_else(|| "unknown".to_owned());
+            return Err(Error::Signature(format!(
+                "it was not made with the private key of this public key ({}), or was changed since; it claims the key {hint}",
+                key.hint()?
+            )));
+        }
+        // Only now is it worth reading.
+        self.compare(&payload)
     }
 
-    /// Checks that `signature` is over exactly these files, whoever made it.
-    pub(crate) fn are_named_by(&self, signature: &Signature) -> Result<()> {
-        let refuse = |reason| Error::Signature { reason };
-        let payload = signature.bundle.payload().map_err(refuse)?;
-        self.compare(&Statement::parse(&payload).and_then(|statement| statement.files()).map_err(refuse)?)
+    /// Checks that `signature` is over exactly these files, with whatever key.
+    pub(crate) fn check_signed_by(&self, signature: &Signature) -> Result<()> {
+        self.compare(&signature.payload().map_err(Error::Signature)?)
     }
 
-    fn compare(&self, signed: &BTreeMap<String, Digest>) -> Result<()> {
-        match difference(signed, &self.files) {
-            None => Ok(()),
-            Some(difference) => {
-                Err(Error::Signature { reason: format!("other files were signed: {difference}") })
+    fn compare(&self, payload: &[u8]) -> Result<()> {
+        let signed = parse_statement(payload).map_err(Error::Signature)?;
+        let paths: BTreeSet<_> = signed.keys().chain(self.files.keys()).collect();
+        let difference = paths.into_iter().find_map(|path| match (signed.get(path), self.files.get(path)) {
+            (Some(signed), Some(found)) if signed == found => None,
+            (Some(signed), Some(found)) => {
+                Some(format!("{path} has digest {found}, the signed one is {signed}"))
             }
+            (Some(_), None) => Some(format!("{path} was signed and is missing")),
+            (None, _) => Some(format!("{path} was not signed")),
+        });
+        match difference {
+            Some(difference) => Err(Error::Signature(format!("other files were signed: {difference}"))),
+            None => Ok(()),
         }
     }
 }
 
-/// A signature of a model, the content of a `model.sig`: read, but believed by nobody before it is verified.
+/// A signature of a model, the content of a `model.sig`. It is parsed, but proves nothing before it is verified.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Signature {
     text: String,
-    bundle: Bundle,
+    bundle: Value,
 }
 
 impl Signature {
-    /// Reads a Sigstore bundle.
+    /// Parses a Sigstore bundle.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let refuse = |error: &dyn std::fmt::Display| Error::Signature {
-            reason: format!("it is no Sigstore bundle with a DSSE envelope: {error}"),
+        let refuse = |error: &dyn std::fmt::Display| {
+            Error::Signature(format!("it is not a Sigstore bundle with a DSSE envelope: {error}"))
         };
-        // Names and texts that are skipped are not looked at by the JSON reader.
+        // The JSON reader does not check the encoding of texts that it skips.
         let text = std::str::from_utf8(bytes).map_err(|error| refuse(&error))?;
-        let bundle = serde_json::from_str(text).map_err(|error| refuse(&error))?;
+        let bundle: Value = serde_json::from_str(text).map_err(|error| refuse(&error))?;
+        for required in ["/mediaType", "/dsseEnvelope/payload", "/dsseEnvelope/payloadType"] {
+            string(&bundle, required).map_err(|error| refuse(&error))?;
+        }
         Ok(Self { text: text.to_owned(), bundle })
     }
 
-    /// The bundle, byte for byte.
+    /// Returns the bundle, byte for byte.
     pub fn as_str(&self) -> &str {
         &self.text
     }
 
-    /// By which it says what key it is for, usually the SHA-256 of the public key's PEM. Anybody can write anything there: what
-    /// would steer a terminal is left out.
+    /// Returns the signature's own hint on its key, usually the SHA-256 of the public key's PEM. Anybody can write anything there,
+    /// so control characters, which could manipulate a terminal, are removed.
     pub fn key_hint(&self) -> Option<String> {
-        let key = self.bundle.verification_material.public_key.as_ref();
-        key.map(|key| key.hint.chars().filter(|c| !c.is_control()).take(HINT_LENGTH).collect())
+        let hint = string(&self.bundle, "/verificationMaterial/publicKey/hint").ok()?;
+        Some(hint.chars().filter(|c| !c.is_control()).take(HINT_LENGTH).collect())
     }
-}
 
-impl Registry {
-    /// The entry that attaches a signature of `version` by the owner of `key`; [`Error::Unsigned`] if there is none that holds.
-    pub fn signature_by(&self, version: &ModelVersion, key: &PublicKey) -> Result<Entry> {
-        let files = SignedFiles::of_version(version);
-        let hint = key.hint()?;
-        let mut found = Vec::new();
-        for entry in of_kind(&self.attachments(version)?, SIGNATURE) {
-            // What is wrong with one signature does not count against another.
-            let number = entry.number;
-            found.push(match self.attachment(version, entry) {
-                Ok(Some(Attachment::Signature(signature))) => match files.verify(&signature, key) {
-                    Ok(()) => return Ok(entry.clone()),
-                    Err(error) => match signature.key_hint().filter(|other| *other != hint) {
-                        Some(other) => format!("attachment {number} is by {other}"),
-                        None => format!("attachment {number}: {error}"),
-                    },
-                },
-                Ok(_) => continue,
-                Err(error) => format!("attachment {number}: {error}"),
-            });
-        }
-        let reason = match found.len() {
-            0 => "no signature is attached; `model sign` attaches one".to_owned(),
-            count => format!("of {count} signatures none is by {hint}; {}", found.join("; ")),
+    /// Decodes what was signed.
+    fn payload(&self) -> std::result::Result<Vec<u8>, String> {
+        expect(&self.bundle, "/mediaType", MEDIA_TYPE)?;
+        expect(&self.bundle, "/dsseEnvelope/payloadType", PAYLOAD)?;
+        let payload = BASE64.decode(string(&self.bundle, "/dsseEnvelope/payload")?);
+        payload.map_err(|error| format!("its payload is not base64: {error}"))
+    }
+
+    /// Returns whether one of the signatures of `payload` was made with the private key of `key`.
+    fn is_by(&self, key: &PublicKey, payload: &[u8]) -> bool {
+        let signed = pre_authentication(PAYLOAD, payload);
+        let is_valid = |signature: &Value| {
+            let der = BASE64.decode(signature.pointer("/sig")?.as_str()?).ok()?;
+            key.0.verify(&signed, &ecdsa::Signature::from_der(&der).ok()?).ok()
         };
-        Err(Error::Unsigned { model: version.to_string(), reason })
+        let signatures = self.bundle.pointer("/dsseEnvelope/signatures").and_then(Value::as_array);
+        signatures.into_iter().flatten().any(|signature| is_valid(signature).is_some())
     }
 }
 
-/// The first difference between the files that were signed and those that are there.
-fn difference(signed: &BTreeMap<String, Digest>, found: &BTreeMap<String, Digest>) -> Option<String> {
-    let paths: BTreeSet<_> = signed.keys().chain(found.keys()).collect();
-    paths.into_iter().find_map(|path| match (signed.get(path), found.get(path)) {
-        (Some(signed), Some(found)) if signed == found => None,
-        (Some(signed), Some(found)) => Some(format!("{path} has digest {found}, signed was {signed}")),
-        (Some(_), None) => Some(format!("{path} was signed and is missing")),
-        (None, _) => Some(format!("{path} was not signed")),
-    })
+/// Parses an in-toto statement with the predicate of model signing: the signed files.
+pub(crate) fn parse_statement(payload: &[u8]) -> std::result::Result<BTreeMap<String, Digest>, String> {
+    let statement: Value = serde_json::from_slice(payload)
+        .map_err(|error| format!("what was signed is not a statement on a model: {error}"))?;
+    expect(&statement, "/_type", STATEMENT)?;
+    expect(&statement, "/predicateType", PREDICATE)?;
+    expect(&statement, "/predicate/serialization/method", "files")?;
+    let array = |pointer: &str| statement.pointer(pointer).and_then(Value::as_array);
+    let (mut digests, mut files) = (Vec::new(), BTreeMap::new());
+    for resource in array("/predicate/resources").ok_or("it has no list of resources")? {
+        expect(resource, "/algorithm", "sha256")?;
+        let digest: Digest = format!("sha256:{}", string(resource, "/digest")?)
+            .parse()
+            .map_err(|error: InvalidDigest| error.to_string())?;
+        digests.push(digest);
+        let name = string(resource, "/name")?;
+        if files.insert(name.to_owned(), digest).is_some() {
+            return Err(format!("it names {name} twice"));
+        }
+    }
+    let subjects = array("/subject").map_or(0, Vec::len);
+    if subjects != 1 {
+        return Err(format!("it has {subjects} subjects, expected one"));
+    }
+    expect(&statement, "/subject/0/digest/sha256", &root(digests.iter()).hex())?;
+    Ok(files)
 }
 
+/// Computes the SHA-256 over the digests in the order of the paths.
 fn root<'a>(digests: impl Iterator<Item = &'a Digest>) -> Digest {
     let mut hasher = Hasher::default();
     digests.for_each(|digest| hasher.update(digest.bytes()));
     hasher.finish().digest
 }
 
-/// What a DSSE signature is over.
+/// Returns the string at a JSON pointer.
+fn string<'a>(document: &'a Value, pointer: &str) -> std::result::Result<&'a str, String> {
+    document.pointer(pointer).and_then(Value::as_str).ok_or_else(|| format!("it has no string {pointer}"))
+}
+
+fn expect(document: &Value, pointer: &str, expected: &str) -> std::result::Result<(), String> {
+    match string(document, pointer)? {
+        found if found == expected => Ok(()),
+        found => Err(format!("{pointer} is `{found}`, expected `{expected}`")),
+    }
+}
+
+/// Returns the bytes that a DSSE signature is over.
 fn pre_authentication(kind: &str, payload: &[u8]) -> Vec<u8> {
     let mut bytes = format!("DSSEv1 {} {kind} {} ", kind.len(), payload.len()).into_bytes();
     bytes.extend_from_slice(payload);
     bytes
 }
 
-/// Signs models.
+/// A private key that signs models.
 pub struct PrivateKey(ecdsa::SigningKey);
 
 impl PrivateKey {
-    /// From a PEM file with `EC PRIVATE KEY` (SEC 1) or `PRIVATE KEY` (PKCS #8), not encrypted, of the curve NIST P-256.
+    /// Reads a PEM file with an unencrypted `EC PRIVATE KEY` (SEC 1) or `PRIVATE KEY` (PKCS #8) on the curve NIST P-256.
     pub fn from_pem(pem: &str) -> Result<Self> {
         let key = SecretKey::from_sec1_pem(pem).ok().or_else(|| SecretKey::from_pkcs8_pem(pem).ok());
-        let reason = "is no private key of the curve NIST P-256 in PEM without a password; `openssl ecparam -name prime256v1 \
-                      -genkey -noout` makes one";
-        key.map(|key| Self(key.into())).ok_or_else(|| Error::Key { reason: reason.to_owned() })
+        let reason = "is not a private key on the curve NIST P-256 in PEM without a password; `openssl ecparam -name \
+                      prime256v1 -genkey -noout` creates one";
+        key.map(|key| Self(key.into())).ok_or_else(|| Error::Key(reason.to_owned()))
     }
 
-    /// The key that verifies what this one signs, as PEM.
+    /// Returns the public key as PEM.
     pub fn public_pem(&self) -> Result<String> {
         PublicKey(*self.0.verifying_key()).pem()
     }
 }
 
-/// Verifies signatures of models.
+/// A public key that verifies signatures of models.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PublicKey(ecdsa::VerifyingKey);
 
 impl PublicKey {
-    /// From a PEM file with `PUBLIC KEY` of the curve NIST P-256.
+    /// Reads a PEM file with a `PUBLIC KEY` on the curve NIST P-256.
     pub fn from_pem(pem: &str) -> Result<Self> {
-        let reason = "is no public key of the curve NIST P-256 in PEM; `openssl ec -in KEY -pubout` makes it from the private key";
-        ecdsa::VerifyingKey::from_public_key_pem(pem)
-            .map(Self)
-            .map_err(|_| Error::Key { reason: reason.to_owned() })
+        let reason = "is not a public key on the curve NIST P-256 in PEM; `openssl ec -in KEY -pubout` derives it from the \
+                      private key";
+        ecdsa::VerifyingKey::from_public_key_pem(pem).map(Self).map_err(|_| Error::Key(reason.to_owned()))
     }
 
     fn pem(&self) -> Result<String> {
         let pem = self.0.to_public_key_pem(LineEnding::LF);
-        pem.map_err(|error| Error::Key { reason: format!("cannot be written: {error}") })
+        pem.map_err(|error| Error::Key(format!("cannot be written: {error}")))
     }
 
-    /// By which a bundle says which key it is for: SHA-256 of the key's PEM.
-    fn hint(&self) -> Result<String> {
+    /// Returns the hint by which a bundle names its key: SHA-256 of the key's PEM.
+    pub(crate) fn hint(&self) -> Result<String> {
         Ok(Digest::of(self.pem()?.as_bytes()).hex())
     }
-}
-
-/// A Sigstore bundle, as far as it matters here.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Bundle {
-    media_type: String,
-    #[serde(default)]
-    verification_material: Material,
-    dsse_envelope: Envelope,
-}
-
-#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Material {
-    public_key: Option<KeyHint>,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-struct KeyHint {
-    hint: String,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Envelope {
-    payload: String,
-    payload_type: String,
-    signatures: Vec<EnvelopeSignature>,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-struct EnvelopeSignature {
-    sig: String,
-}
-
-impl Bundle {
-    /// What is signed.
-    fn payload(&self) -> std::result::Result<Vec<u8>, String> {
-        expect("mediaType", &self.media_type, SIGNATURE)?;
-        let Envelope { payload, payload_type, .. } = &self.dsse_envelope;
-        expect("payloadType", payload_type, PAYLOAD)?;
-        BASE64.decode(payload).map_err(|error| format!("its payload is not base64: {error}"))
-    }
-
-    /// The statement, if one of the signatures is of this key.
-    fn open(&self, key: &PublicKey) -> std::result::Result<Statement, String> {
-        let payload = self.payload()?;
-        let signed = pre_authentication(PAYLOAD, &payload);
-        let holds = |signature: &EnvelopeSignature| {
-            let der = BASE64.decode(&signature.sig).ok()?;
-            let signature = ecdsa::Signature::from_der(&der).ok()?;
-            key.0.verify(&signed, &signature).ok()
-        };
-        if !self.dsse_envelope.signatures.iter().any(|signature| holds(signature).is_some()) {
-            return Err(
-                "it was not made with the key that belongs to this public key, or was changed since".into()
-            );
-        }
-        // Only now is it worth reading.
-        Statement::parse(&payload)
-    }
-}
-
-/// An in-toto statement with the predicate of model signing.
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(crate) struct Statement {
-    #[serde(rename = "_type")]
-    kind: String,
-    subject: Vec<Subject>,
-    predicate_type: String,
-    predicate: Predicate,
-}
-
-#[derive(Deserialize)]
-struct Subject {
-    digest: BTreeMap<String, String>,
-}
-
-#[derive(Deserialize)]
-struct Predicate {
-    serialization: Serialization,
-    resources: Vec<Resource>,
-}
-
-#[derive(Deserialize)]
-struct Serialization {
-    method: String,
-}
-
-#[derive(Deserialize)]
-struct Resource {
-    name: String,
-    algorithm: String,
-    digest: String,
-}
-
-impl Statement {
-    fn parse(payload: &[u8]) -> std::result::Result<Self, String> {
-        serde_json::from_slice(payload)
-            .map_err(|error| format!("what was signed is no statement on a model: {error}"))
-    }
-
-    /// The files that were signed.
-    pub(crate) fn files(&self) -> std::result::Result<BTreeMap<String, Digest>, String> {
-        expect("_type", &self.kind, STATEMENT)?;
-        expect("predicateType", &self.predicate_type, PREDICATE)?;
-        expect("serialization.method", &self.predicate.serialization.method, "files")?;
-        let mut digests = Vec::new();
-        let mut files = BTreeMap::new();
-        for Resource { name, algorithm, digest } in &self.predicate.resources {
-            expect("algorithm", algorithm, "sha256")?;
-            let digest: Digest =
-                format!("sha256:{digest}").parse().map_err(|error: Error| error.to_string())?;
-            digests.push(digest);
-            if files.insert(name.clone(), digest).is_some() {
-                return Err(format!("it names {name} twice"));
-            }
-        }
-        let [subject] = self.subject.as_slice() else {
-            return Err(format!("it is of {} subjects, expected one", self.subject.len()));
-        };
-        let stated = subject.digest.get("sha256").map_or("", String::as_str);
-        expect("the subject's digest", stated, &root(digests.iter()).hex())?;
-        Ok(files)
-    }
-}
-
-fn expect(what: &str, found: &str, expected: &str) -> std::result::Result<(), String> {
-    if found == expected { Ok(()) } else { Err(format!("{what} is `{found}`, expected `{expected}`")) }
 }
 
 #[cfg(test)]
@@ -387,8 +282,9 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
+    use crate::events::attachment::Attachment;
     use crate::fixture::{self, Place};
-    use crate::log::Remark;
+    use crate::model::Note;
 
     fn bytes(hex: &str) -> Vec<u8> {
         (0..hex.len()).step_by(2).map(|i| u8::from_str_radix(&hex[i..i + 2], 16).unwrap()).collect()
@@ -425,9 +321,9 @@ mod tests {
         assert_eq!(signature.to_bytes()[..32], r);
     }
 
-    /// The form of the bundle, on the raw JSON.
+    /// The format of the bundle, on the raw JSON.
     #[test]
-    fn has_the_shape_of_oms() {
+    fn has_the_format_of_oms() {
         let place = Place::local();
         let bundle: Value = serde_json::from_str(signed(&place).1.as_str()).unwrap();
         assert_eq!(bundle["mediaType"], "application/vnd.dev.sigstore.bundle.v0.3+json");
@@ -443,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn holds_for_the_folder_and_for_the_version_and_for_nothing_else() {
+    fn verifies_the_folder_and_the_version_and_nothing_else() {
         let place = Place::local();
         let (files, signature) = signed(&place);
         let verify = |files: &SignedFiles| files.verify(&signature, &public());
@@ -478,17 +374,17 @@ mod tests {
             bundle["dsseEnvelope"]["payload"] = BASE64.encode(changed).into();
             let changed = Signature::parse(bundle.to_string().as_bytes()).unwrap();
             let refusal = files.verify(&changed, &public()).unwrap_err().to_string();
-            assert!(refusal.contains("was not made with the key"), "{refusal}");
+            assert!(refusal.contains("was not made with the private key"), "{refusal}");
         }
         let other = PrivateKey(ecdsa::SigningKey::from_slice(&[7; 32]).unwrap());
         let other = PublicKey::from_pem(&other.public_pem().unwrap()).unwrap();
         assert!(files.verify(&signature, &other).is_err());
-        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("no Sigstore bundle"));
+        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("not a Sigstore bundle"));
     }
 
-    /// It would be attached as something else than what was signed elsewhere.
+    /// Otherwise, the attached bytes would differ from the signed ones.
     #[test]
-    fn what_is_no_text_is_no_signature() {
+    fn a_signature_is_valid_utf_8() {
         let place = Place::local();
         let (_, signature) = signed(&place);
         let text = signature.as_str().replacen('{', "{\"?\":0,", 1);
@@ -506,9 +402,9 @@ mod tests {
         }
     }
 
-    /// One signature that holds is enough, whatever else is attached.
+    /// One valid signature suffices, whatever else is attached.
     #[test]
-    fn a_version_is_signed_by_whose_signature_is_attached() {
+    fn an_attached_signature_proves_the_signer() {
         for place in Place::all() {
             let registry = place.registry();
             let version = place.publish(&registry, "approach", b"abc");
@@ -521,22 +417,20 @@ mod tests {
 
             let attach = |key: &PrivateKey| {
                 let signature = SignedFiles::of_version(&version).sign(key).unwrap();
-                registry.attach(&version, &Attachment::Signature(signature), &Remark::default()).unwrap()
+                registry.attach(&version, &Attachment::Signature(signature), &Note::default()).unwrap()
             };
             attach(&theirs);
             let other = pull(&ours).unwrap_err().to_string();
             let (own, hint) = (public(&ours).hint().unwrap(), public(&theirs).hint().unwrap());
-            assert!(
-                other.contains(&format!("of 1 signatures none is by {own}; attachment 1 is by {hint}")),
-                "{other}"
-            );
+            for part in
+                ["none of 1 signatures is valid; attachment 1: ", &own, &format!("claims the key {hint}")]
+            {
+                assert!(other.contains(part), "{part}: {other}");
+            }
             assert!(!place.path("pulled").exists(), "refused before a byte is delivered");
             attach(&ours);
             assert_eq!(registry.signature_by(&version, &public(&ours)).unwrap().number, 2);
-            assert!(
-                matches!(attach(&ours), crate::Attached::AlreadyThere(_)),
-                "signed twice, the same bytes"
-            );
+            assert!(matches!(attach(&ours), crate::Outcome::AlreadyThere(_)), "signed twice, the same bytes");
             pull(&ours).unwrap();
             assert_eq!(fs::read(place.path("pulled/weights.bin")).unwrap(), b"abc");
             pull(&theirs).unwrap();
@@ -544,34 +438,34 @@ mod tests {
         }
     }
 
-    /// Who can write into the registry can attach anything, but sign nothing.
+    /// Whoever can write to the registry can attach anything, but not sign.
     #[test]
-    fn what_only_looks_signed_is_told() {
+    fn forged_signatures_are_reported() {
         let place = Place::local();
         let registry = place.registry();
         let version = place.publish(&registry, "approach", b"abc");
         let signature = SignedFiles::of_version(&version).sign(&key()).unwrap();
-        // Of the right files and with the right hint, but by another key.
+        // For the right files and with the right hint, but by another key.
         let forged = SignedFiles::of_version(&version).sign(&fixture::key(1)).unwrap();
         let mut bundle: Value = serde_json::from_str(forged.as_str()).unwrap();
         bundle["verificationMaterial"]["publicKey"]["hint"] = signature.key_hint().unwrap().into();
         let forged = Signature::parse(bundle.to_string().as_bytes()).unwrap();
-        registry.attach(&version, &Attachment::Signature(forged), &Remark::default()).unwrap();
+        registry.attach(&version, &Attachment::Signature(forged), &Note::default()).unwrap();
         let refusal = registry.signature_by(&version, &public()).unwrap_err().to_string();
         assert!(
-            refusal.contains("attachment 1: ") && refusal.contains("was not made with the key"),
+            refusal.contains("attachment 1: ") && refusal.contains("was not made with the private key"),
             "{refusal}"
         );
-        // A damaged one in front does not hide the one that holds.
-        let damaged = registry.attachments(&version).unwrap()[0].attached.clone().unwrap();
+        // A damaged one does not hide a valid one.
+        let damaged = registry.attachments(&version).unwrap()[0].attached().unwrap().clone();
         crate::fixture::flip(&place.path("registry"), &crate::store::blob_key(damaged.digest));
         assert!(registry.signature_by(&version, &public()).is_err());
-        registry.attach(&version, &Attachment::Signature(signature), &Remark::default()).unwrap();
+        registry.attach(&version, &Attachment::Signature(signature), &Note::default()).unwrap();
         assert_eq!(registry.signature_by(&version, &public()).unwrap().number, 2);
     }
 
     #[test]
-    fn a_hint_does_not_steer_the_terminal() {
+    fn a_hint_has_no_control_characters() {
         let place = Place::local();
         let mut bundle: Value = serde_json::from_str(signed(&place).1.as_str()).unwrap();
         bundle["verificationMaterial"]["publicKey"]["hint"] = format!("\u{1b}[2J{}", "x".repeat(99)).into();

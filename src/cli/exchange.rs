@@ -1,6 +1,6 @@
-//! The commands of `model` that connect a registry with the rest of the world.
+//! Arguments of the commands of `flowservo model` that exchange models with other tools.
 
-use super::model::RemarkArgs;
+use super::model::NoteArgs;
 use super::registry::RegistryArgs;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -8,10 +8,10 @@ use std::path::PathBuf;
 /// The last commands of `model`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Exchange {
-    /// Show images to a model and print what it says.
+    /// Run a model on images and print its output.
     #[command(after_help = "Example: flowservo model predict approach@1 current.png goal.png --json")]
     Predict {
-        /// A checkpoint's folder, NAME or NAME@VERSION.
+        /// A checkpoint folder, or NAME, NAME@VERSION, NAME:ALIAS, NAME@sha256:DIGEST.
         model: String,
         /// PNG files: current and goal image for `CNN_approach`, the current image for `CNN_avoid`.
         #[arg(required = true, num_args = 1..=2, value_name = "IMAGE")]
@@ -20,36 +20,36 @@ pub(crate) enum Exchange {
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Sign a version (OpenSSF Model Signing), offline, with a key of your own. The signature is attached to the version.
+    /// Sign a version with your own key, offline (OpenSSF Model Signing). The signature is attached to the version.
     #[command(after_help = "Examples:\n  \
                             openssl ecparam -name prime256v1 -genkey -noout -out key.pem\n  \
                             openssl ec -in key.pem -pubout -out pub.pem\n  \
                             flowservo model sign approach@1 --key key.pem\n  \
                             flowservo model verify approach@1 --public-key pub.pem\n  \
                             flowservo model pull approach@1 --public-key pub.pem --out pulled\n\n\
-                            The signature holds for the files as `model pull` writes them, and with --out approach-1.sig \
-                            other tools verify it:\n  \
+                            The signature covers the files that `model pull` writes. Other tools can verify a signature that \
+                            --out approach-1.sig wrote:\n  \
                             model_signing verify key FOLDER --signature approach-1.sig --public_key pub.pem")]
     Sign {
-        /// NAME, NAME@VERSION or NAME@sha256:DIGEST, or a model's folder.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST, or a model folder.
         model: String,
-        /// Private key on the curve NIST P-256, a PEM file without password.
+        /// Private key on the curve NIST P-256: a PEM file without a password.
         #[arg(long, value_name = "PEM")]
         key: PathBuf,
-        /// A new file for the signature; of a folder model.sig by default.
+        /// A new file for the signature. For a folder, the default is model.sig.
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Attach to a version what was made after it was published: an evaluation, or a signature by another tool.
+    /// Attach an evaluation, or a signature by another tool, to a published version.
     #[command(after_help = "Examples:\n  \
                             flowservo model attach approach@1 --evaluation runs/table1\n  \
                             flowservo model attach approach@1 --signature approach-1.sig\n\n\
-                            Of evaluations the last one counts. Nothing that is attached is ever taken away.")]
+                            Of several evaluations, the last one counts. Attachments are never removed.")]
     Attach(Attach),
-    /// Write a version as a folder for the Hugging Face Hub, or as an OCI image layout for container registries.
+    /// Export a version as a folder for the Hugging Face Hub or an OCI image layout for container registries.
     #[command(after_help = "Examples:\n  \
                             flowservo model export approach@1 --format huggingface --license apache-2.0 --out hub\n  \
                             hf upload USER/approach hub\n\n  \
@@ -57,22 +57,22 @@ pub(crate) enum Exchange {
                             skopeo copy oci:layout:1 docker://HOST/approach:1\n\n\
                             `flowservo model import` reads both.")]
     Export {
-        /// NAME, NAME@VERSION or NAME@sha256:DIGEST.
+        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
         model: String,
-        /// What to write.
+        /// Format to write.
         #[arg(long, value_enum)]
         format: ExportFormat,
-        /// Folder to write; a new one.
+        /// New folder to write.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// The license that a Hugging Face card states, as the Hub calls it: apache-2.0, cc-by-4.0.
+        /// License for the Hugging Face card, by the Hub's identifier: apache-2.0, cc-by-4.0.
         #[arg(long, value_name = "ID")]
         license: Option<String>,
         /// The registry.
         #[command(flatten)]
         registry: RegistryArgs,
     },
-    /// Publish a model that was exported, with every digest checked.
+    /// Publish an exported model, with every digest verified.
     #[command(after_help = "Example: flowservo model import layout approach")]
     Import {
         /// An OCI image layout, or a folder for the Hugging Face Hub.
@@ -91,21 +91,21 @@ pub(crate) enum Exchange {
 pub(crate) struct Attach {
     /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
     pub(crate) model: String,
-    /// Folder of servo sessions with this version: Table 1's figures.
+    /// Folder of servo sessions with this version: the figures of Table 1.
     #[arg(long, value_name = "DIR")]
     pub(crate) evaluation: Option<PathBuf>,
-    /// A signature of this version's files, a Sigstore bundle by OpenSSF Model Signing.
+    /// A signature of this version's files: a Sigstore bundle (OpenSSF Model Signing).
     #[arg(long, value_name = "FILE")]
     pub(crate) signature: Option<PathBuf>,
-    /// Why, and who says so.
+    /// Reason and author.
     #[command(flatten)]
-    pub(crate) remark: RemarkArgs,
+    pub(crate) note: NoteArgs,
     /// The registry.
     #[command(flatten)]
     pub(crate) registry: RegistryArgs,
 }
 
-/// A form in which others take models.
+/// A format of other tools.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExportFormat {
     /// A folder for the Hugging Face Hub: card, config.json, model.safetensors.

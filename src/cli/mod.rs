@@ -13,7 +13,7 @@ mod train;
 pub(crate) use dataset::{Dataset, Show};
 pub(crate) use eval::Eval;
 pub(crate) use exchange::{Attach, Exchange, ExportFormat};
-pub(crate) use model::{AliasArgs, Gc, RemarkArgs, Yank};
+pub(crate) use model::{AliasArgs, Copy, Gc, NoteArgs, Yank};
 pub(crate) use model_commands::Model;
 pub(crate) use reproduce::Reproduce;
 pub(crate) use train::Train;

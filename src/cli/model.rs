@@ -1,7 +1,8 @@
-//! Arguments of `flowservo model alias`, `yank` and `gc`.
+//! Arguments of `flowservo model alias`, `yank`, `copy` and `gc`.
 
 use super::registry::RegistryArgs;
 use clap::Args;
+use registry::Location;
 use std::time::Duration;
 
 /// `model alias`
@@ -9,20 +10,20 @@ use std::time::Duration;
 pub(crate) struct AliasArgs {
     /// The model's name.
     pub(crate) name: String,
-    /// The alias; without it, all aliases of the model are listed.
+    /// The alias. Without it, all aliases of the model are listed.
     pub(crate) alias: Option<String>,
-    /// The version that the alias means from now on, a number or a digest; without it, the alias's history is shown.
+    /// The version to name, a number or a digest. Without it, the history of the alias is shown.
     #[arg(group = "change")]
     pub(crate) version: Option<String>,
-    /// End the alias: it means no version from now on.
+    /// End the alias: it names no version from now on.
     #[arg(long, requires = "alias", group = "change")]
     pub(crate) remove: bool,
-    /// Change it only if it means this version now: a number, or `none`.
+    /// Change it only if it names this version now: a number, or `none`.
     #[arg(long, value_name = "VERSION", requires = "change")]
     pub(crate) expect: Option<String>,
-    /// Why, and who says so.
+    /// Reason and author.
     #[command(flatten)]
-    pub(crate) remark: RemarkArgs,
+    pub(crate) note: NoteArgs,
     /// The registry.
     #[command(flatten)]
     pub(crate) registry: RegistryArgs,
@@ -33,35 +34,55 @@ pub(crate) struct AliasArgs {
 pub(crate) struct Yank {
     /// `NAME@VERSION` or `NAME@sha256:DIGEST`.
     pub(crate) model: String,
-    /// Take it back: the version may be used again.
+    /// Take the yank back: the version may be used again.
     #[arg(long)]
     pub(crate) undo: bool,
-    /// Why, and who says so.
+    /// Reason and author.
     #[command(flatten)]
-    pub(crate) remark: RemarkArgs,
+    pub(crate) note: NoteArgs,
     /// The registry.
     #[command(flatten)]
     pub(crate) registry: RegistryArgs,
 }
 
-/// What is written into the registry's log with a change.
+/// Reason and author of a change, recorded in the registry.
 #[derive(Debug, Default, Args)]
-pub(crate) struct RemarkArgs {
-    /// Why: kept in the registry.
+pub(crate) struct NoteArgs {
+    /// Reason, recorded in the registry.
     #[arg(long, value_name = "TEXT")]
     pub(crate) reason: Option<String>,
-    /// Who says so: kept in the registry.
+    /// Author, recorded in the registry.
     #[arg(long, value_name = "NAME")]
     pub(crate) by: Option<String>,
+}
+
+/// `model copy`
+#[derive(Debug, Args)]
+pub(crate) struct Copy {
+    /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST. With --all, names of models.
+    #[arg(required = true, value_name = "MODEL")]
+    pub(crate) models: Vec<String>,
+    /// The registry to copy to. It is created if it does not exist.
+    #[arg(long, value_name = "PLACE")]
+    pub(crate) to: Location,
+    /// Copy all versions of these models.
+    #[arg(long)]
+    pub(crate) all: bool,
+    /// Also set the aliases that name the copied versions.
+    #[arg(long)]
+    pub(crate) aliases: bool,
+    /// The registry to copy from.
+    #[command(flatten)]
+    pub(crate) registry: RegistryArgs,
 }
 
 /// `model gc`
 #[derive(Debug, Args)]
 pub(crate) struct Gc {
-    /// Only what was written longer ago than this, as 14d or 12h. No publication may take longer.
+    /// Minimum age, as 14d or 12h. No publication may take longer.
     #[arg(long, value_name = "AGE", default_value = "14d", value_parser = age)]
     pub(crate) older_than: Duration,
-    /// Delete it; without this nothing is changed.
+    /// Delete what was found. Without this, nothing is changed.
     #[arg(long)]
     pub(crate) delete: bool,
     /// The registry.
@@ -69,7 +90,7 @@ pub(crate) struct Gc {
     pub(crate) registry: RegistryArgs,
 }
 
-/// Reads a number of days, hours, minutes or seconds.
+/// Parses a number of days, hours, minutes or seconds.
 fn age(text: &str) -> Result<Duration, String> {
     let refusal = || "write a whole number of days, hours, minutes or seconds: 14d, 12h, 30m, 10s".to_owned();
     let unit = text.chars().last().ok_or_else(refusal)?;

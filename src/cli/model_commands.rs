@@ -1,7 +1,7 @@
 //! The commands of `flowservo model`.
 
 use super::exchange::Exchange;
-use super::model::{AliasArgs, Gc, Yank};
+use super::model::{AliasArgs, Copy, Gc, Yank};
 use super::registry::RegistryArgs;
 use clap::Subcommand;
 use std::path::PathBuf;
@@ -88,6 +88,12 @@ pub(crate) enum Model {
                             flowservo model yank approach@3 --reason \"trained on the test set\"\n  \
                             flowservo model yank approach@3 --undo")]
     Yank(Yank),
+    /// Copy versions to another registry, with their attachments.
+    #[command(after_help = "Examples:\n  \
+                            flowservo model copy approach@3 avoid:champion --to s3://lab/models\n  \
+                            flowservo model copy approach --all --aliases --registry s3://lab/models --to models\n\n\
+                            Digests stay the same, and signatures stay valid. Copying again adds only what is missing.")]
+    Copy(Copy),
     /// List files left behind by interrupted commands; with --delete, delete them.
     #[command(after_help = "Example:\n  flowservo model gc --delete")]
     Gc(Gc),

@@ -7,9 +7,12 @@ mod inspect;
 mod model;
 mod model_alias;
 mod model_attach;
+mod model_command;
+mod model_copy;
 mod model_diff;
 mod model_export;
 mod model_gc;
+mod model_publish;
 mod model_show;
 mod model_sign;
 mod predict;
@@ -36,6 +39,6 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Train(arguments) => train::run(arguments, &Stop::listen()?, cli.json),
         Command::Eval(arguments) => eval::run(arguments, &Stop::listen()?, cli.json),
         // Ctrl-C ends these immediately, since a registry is consistent at any moment.
-        Command::Model(command) => model::run(command, cli.json),
+        Command::Model(command) => model_command::run(command, cli.json),
     }
 }

@@ -1,12 +1,12 @@
-//! `flowservo model alias` and `yank`: what is said about versions, and may change.
+//! `flowservo model alias` and `yank`: changeable marks on versions.
 
-use super::model::{told, warn};
-use crate::cli::{AliasArgs, RemarkArgs, Yank};
+use super::model::{describe, warn};
+use crate::cli::{AliasArgs, NoteArgs, Yank};
 use crate::clock;
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::{Result, anyhow};
-use registry::{AliasName, Entry, Expect, ModelName, ModelRef, Registry, Remark, Selector};
+use registry::{AliasName, Event, ModelName, ModelRef, Note, Precondition, Registry, Selector};
 use serde_json::json;
 
 /// `model alias`: lists, shows, sets or ends.
@@ -19,41 +19,41 @@ pub(crate) fn alias(arguments: &AliasArgs, json: bool) -> Result<()> {
         (None, _) => list(&registry, &name, json),
         (Some(alias), Some(version)) => set(&registry, &name, alias, version, (arguments, json)),
         (Some(alias), None) if arguments.remove => {
-            let entry =
-                registry.remove_alias(&name, alias, expect(arguments)?, &remark(&arguments.remark))?;
-            out!("{} means no version from now on", entry.subject);
-            print_json(json, &json!({ "changed": true, "subject": entry.subject, "version": null }))
+            let event =
+                registry.remove_alias(&name, alias, precondition(arguments)?, &note(&arguments.note))?;
+            out!("{} names no version from now on", event.subject);
+            print_json(json, &json!({ "changed": true, "subject": event.subject, "version": null }))
         }
         (Some(alias), None) => {
-            let entries = registry.alias_history(&name, alias)?;
-            entries.iter().for_each(show);
-            print_json(json, &entries)
+            let events = registry.alias_history(&name, alias)?;
+            events.iter().for_each(show);
+            print_json(json, &events)
         }
     }
 }
 
-/// `model yank`: yanks a version, or takes it back.
+/// `model yank`: yanks a version, or takes the yank back.
 pub(crate) fn yank(arguments: &Yank, json: bool) -> Result<()> {
     let reference: ModelRef = arguments.model.parse().map_err(bad_input)?;
     if !matches!(reference.selector, Selector::Version(_) | Selector::Digest(_)) {
-        return Err(bad_input(anyhow!("{reference}: say which version to yank, as {}@3", reference.name)));
+        return Err(bad_input(anyhow!("{reference}: state which version to yank, as {}@3", reference.name)));
     }
-    if arguments.remark.reason.is_none() && !arguments.undo {
-        return Err(bad_input(anyhow!("{reference}: say why it is yanked, with --reason")));
+    if arguments.note.reason.is_none() && !arguments.undo {
+        return Err(bad_input(anyhow!("{reference}: state why with --reason")));
     }
     let registry = Registry::open(&arguments.registry.registry)?;
     let version = registry.show(&reference)?;
-    let remark = remark(&arguments.remark);
+    let note = note(&arguments.note);
     let changed = if arguments.undo {
-        let changed = registry.unyank(&version, &remark)?.is_some();
+        let changed = registry.unyank(&version, &note)?.is_some();
         out!("{version} {}", if changed { "is no longer yanked" } else { "is not yanked" });
         changed
     } else if let Some(before) = &version.yanked {
-        out!("{version} is yanked already{}", told(before));
+        out!("{version} is already yanked{}", describe(before));
         false
     } else {
-        let changed = registry.yank(&version, &remark)?.is_some();
-        out!("yanked {version}{}", told(&remark));
+        let changed = registry.yank(&version, &note)?.is_some();
+        out!("yanked {version}{}", describe(&note));
         changed
     };
     let subject = version.to_string();
@@ -81,35 +81,35 @@ fn set(
     let reference: ModelRef = format!("{name}@{version}").parse().map_err(bad_input)?;
     let version = registry.show(&reference)?;
     warn(&version);
-    let entry = registry.set_alias(alias, &version, expect(arguments)?, &remark(&arguments.remark))?;
-    match &entry {
+    let event = registry.set_alias(alias, &version, precondition(arguments)?, &note(&arguments.note))?;
+    match &event {
         Some(_) => out!("{name}:{alias} is {version} from now on"),
-        None => out!("{name}:{alias} is {version} already"),
+        None => out!("{name}:{alias} is already {version}"),
     }
-    let (changed, subject) = (entry.is_some(), format!("{name}:{alias}"));
+    let (changed, subject) = (event.is_some(), format!("{name}:{alias}"));
     print_json(json, &json!({ "changed": changed, "subject": subject, "version": version.version }))
 }
 
-/// Prints an entry of an alias's history.
-fn show(entry: &Entry) {
-    let version = entry.target.map_or("no version".into(), |target| format!("version {}", target.version));
-    out!("{:>5}  {version}{}", entry.number, told(&entry.remark));
+/// Prints an event of an alias.
+fn show(event: &Event) {
+    let version = event.target().map_or("no version".into(), |target| format!("version {}", target.version));
+    out!("{:>5}  {version}{}", event.number, describe(&event.note));
 }
 
-fn expect(arguments: &AliasArgs) -> Result<Expect> {
+fn precondition(arguments: &AliasArgs) -> Result<Precondition> {
     match arguments.expect.as_deref() {
-        None => Ok(Expect::Anything),
-        Some("none") => Ok(Expect::Nothing),
+        None => Ok(Precondition::Any),
+        Some("none") => Ok(Precondition::Unset),
         Some(text) => text
             .parse()
-            .map(Expect::Version)
-            .map_err(|_| bad_input(anyhow!("--expect {text}: write the number of a version, or none"))),
+            .map(Precondition::Version)
+            .map_err(|_| bad_input(anyhow!("--expect {text}: expected a version number, or none"))),
     }
 }
 
-/// What is written into the registry with a change, now.
-pub(crate) fn remark(arguments: &RemarkArgs) -> Remark {
-    Remark {
+/// Returns the note to record with a change, with the current time.
+pub(crate) fn note(arguments: &NoteArgs) -> Note {
+    Note {
         who: arguments.by.clone(),
         reason: arguments.reason.clone(),
         when: Some(clock::rfc3339(clock::now())),

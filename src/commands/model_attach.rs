@@ -1,16 +1,16 @@
-//! `flowservo model attach`: what is said of a version after it was published.
+//! `flowservo model attach`: evaluations and signatures of published versions.
 
 use super::eval;
 use super::model::{reference, warn};
-use super::model_alias::remark;
-use crate::cli::{Attach, RemarkArgs};
+use super::model_alias::note;
+use crate::cli::{Attach, NoteArgs};
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use ::eval::EvalConfig;
 use ::eval::results::metrics;
 use ::eval::results::system::System;
 use anyhow::{Context, Result, anyhow};
-use registry::{Attached, Attachment, Evaluation, ModelVersion, Registry, Signature};
+use registry::{Attachment, Evaluation, Event, ModelVersion, Outcome, Registry, Signature};
 use serde_json::{Value, json};
 use std::path::Path;
 use train::checkpoint::{ModelInfo, WEIGHTS};
@@ -27,30 +27,29 @@ pub(crate) fn run(arguments: &Attach, json: bool) -> Result<()> {
             Attachment::Evaluation(evaluation(&weights, folder)?)
         }
         (None, Some(file)) => Attachment::Signature(read_signature(file)?),
-        (None, None) => unreachable!("the command line demands one of the two"),
+        (None, None) => unreachable!("the command line requires one of the two"),
     };
-    let attached = attach(&registry, &version, &attachment, &arguments.remark)?;
-    let changed = matches!(attached, Attached::New(_));
-    print_json(json, &json!({ "changed": changed, "attachment": attached.entry() }))
+    let attached = attach(&registry, &version, &attachment, &arguments.note)?;
+    print_json(json, &json!({ "changed": attached.is_new(), "attachment": attached.value() }))
 }
 
-/// Attaches something to a version, and says so.
+/// Attaches something to a version, and reports it.
 pub(crate) fn attach(
     registry: &Registry,
     version: &ModelVersion,
     attachment: &Attachment,
-    remarks: &RemarkArgs,
-) -> Result<Attached> {
+    notes: &NoteArgs,
+) -> Result<Outcome<Event>> {
     let what = match attachment {
         Attachment::Signature(_) => "signature",
         _ => "evaluation",
     };
-    let attached = registry.attach(version, attachment, &remark(remarks))?;
-    let number = attached.entry().number;
+    let attached = registry.attach(version, attachment, &note(notes))?;
+    let number = attached.value().number;
     match &attached {
-        Attached::New(_) => out!("{version}: {what} attached (attachment {number})"),
-        Attached::AlreadyThere(_) => {
-            out!("{version} has this {what} already (attachment {number}); nothing was attached");
+        Outcome::New(_) => out!("{version}: {what} attached (attachment {number})"),
+        Outcome::AlreadyThere(_) => {
+            out!("{version} already has this {what} (attachment {number}); nothing was attached");
         }
     }
     Ok(attached)
@@ -62,26 +61,30 @@ pub(crate) fn read_signature(file: &Path) -> Result<Signature> {
     Signature::parse(&content).with_context(|| file.display().to_string())
 }
 
-/// Attaches an evaluation, unless all that it measured is known of the version.
-pub(crate) fn attach_news(registry: &Registry, version: &ModelVersion, evaluation: Evaluation) -> Result<()> {
+/// Attaches an evaluation, unless the version already has all its metrics.
+pub(crate) fn attach_new_metrics(
+    registry: &Registry,
+    version: &ModelVersion,
+    evaluation: Evaluation,
+) -> Result<()> {
     let known = registry.metrics(version)?;
     let is_known = |(name, value): (&String, &f64)| {
         known.get(name).is_some_and(|known| known.value.to_bits() == value.to_bits())
     };
     if evaluation.metrics.iter().all(is_known) {
-        out!("{version} has these metrics already; nothing was attached");
+        out!("{version} already has these metrics; nothing was attached");
         return Ok(());
     }
-    attach(registry, version, &Attachment::Evaluation(evaluation), &RemarkArgs::default()).map(drop)
+    attach(registry, version, &Attachment::Evaluation(evaluation), &NoteArgs::default()).map(drop)
 }
 
-/// What the servo sessions in `folder` say about a checkpoint, see [`evaluation`].
+/// Summarizes the servo sessions in `folder` for a checkpoint, see [`evaluation`].
 pub(crate) fn evaluation_of(checkpoint: &Path, folder: &Path) -> Result<Evaluation> {
     evaluation(&ModelInfo::read(checkpoint)?.weights_sha256, folder)
 }
 
-/// What the servo sessions in `folder` say about the network whose weights have this SHA-256: Table 1's figures under `table1_`,
-/// computed anew. Times are left out: they belong to a machine.
+/// Summarizes the servo sessions in `folder` for the network whose weights have this SHA-256: the figures of Table 1, prefixed with
+/// `table1_`. Times are omitted because they depend on the machine.
 ///
 /// The configuration names the networks by the digests of their weights, which are the same everywhere.
 fn evaluation(weights: &str, folder: &Path) -> Result<Evaluation> {
@@ -103,8 +106,8 @@ fn measured(weights: &str, folder: &Path) -> Result<Evaluation> {
     if !is_of_these {
         let (place, approach, avoid) = (path.display(), policies.approach, policies.avoid);
         return Err(anyhow!(
-            "the sessions are not of this network: {place} has policies.approach = \"{approach}\" and policies.avoid = \
-             \"{avoid}\", which are not there or have other weights"
+            "the sessions did not use this network: {place} has policies.approach = \"{approach}\" and policies.avoid = \
+             \"{avoid}\", which do not exist or have other weights"
         ));
     }
     let figures = metrics::to_json(&System::of("flowservo", &eval::read(folder)?));

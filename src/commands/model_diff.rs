@@ -1,9 +1,9 @@
-//! `flowservo model diff`: what two versions differ in.
+//! `flowservo model diff`: the differences between two versions.
 
 use super::model::{reference, warn};
 use crate::output::{out, print_json};
 use anyhow::Result;
-use registry::{Change, Compared, Registry};
+use registry::{Change, MetricChange, Registry};
 use std::fmt::Display;
 
 /// Runs the command.
@@ -15,7 +15,7 @@ pub(crate) fn run(registry: &Registry, from: &str, to: &str, json: bool) -> Resu
     }
     section("configuration", &found.configuration);
     out!("metrics");
-    for Compared { metric, from, to, difference, .. } in &found.metrics {
+    for MetricChange { metric, from, to, difference, .. } in &found.metrics {
         let value = |value: &Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
         let difference = difference.map_or(String::new(), |value| format!("{value:+.4}"));
         out!("  {metric:40} {:>12} {:>12} {difference:>12}", value(from), value(to));

@@ -1,11 +1,11 @@
-//! `flowservo model predict|export|import`: a model outside of its registry.
+//! `flowservo model predict|export|import`: models outside the registry.
 
 use super::{model, model_attach, model_sign, predict};
 use crate::cli::{Exchange, ExportFormat};
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::{Result, anyhow};
-use registry::{Location, ModelName, Published, Registry};
+use registry::{Location, ModelName, ModelVersion, Outcome, Registry};
 use std::path::Path;
 
 /// Runs one of the commands.
@@ -23,7 +23,7 @@ pub(crate) fn run(command: &Exchange, json: bool) -> Result<()> {
             let reference = model::reference(model)?;
             if license.is_some() && *format == ExportFormat::Oci {
                 return Err(bad_input(anyhow!(
-                    "--license goes with --format huggingface: an OCI layout has no card"
+                    "--license requires --format huggingface: an OCI layout has no card"
                 )));
             }
             let version = match format {
@@ -32,16 +32,16 @@ pub(crate) fn run(command: &Exchange, json: bool) -> Result<()> {
                 }
                 ExportFormat::Oci => opened.export_oci(&reference, out)?,
             };
-            out!("{}: {version}, every digest checked", out.display());
+            out!("{}: {version}, every digest verified", out.display());
             print_json(json, &version)
         }
         Exchange::Import { folder, name, registry } => {
             let published = import(folder, name, &registry.registry)?;
-            let version = published.version();
+            let version = published.value();
             match &published {
-                Published::New(_) => out!("published {version}  {}", version.digest),
-                Published::AlreadyThere(_) => {
-                    out!("{version} has this content already; nothing was published");
+                Outcome::New(_) => out!("published {version}  {}", version.digest),
+                Outcome::AlreadyThere(_) => {
+                    out!("{version} already has this content; nothing was published");
                 }
             }
             print_json(json, version)
@@ -50,7 +50,7 @@ pub(crate) fn run(command: &Exchange, json: bool) -> Result<()> {
 }
 
 /// Publishes an exported model.
-fn import(folder: &Path, name: &str, registry: &Location) -> Result<Published> {
+fn import(folder: &Path, name: &str, registry: &Location) -> Result<Outcome<ModelVersion>> {
     let name: ModelName = name.parse().map_err(bad_input)?;
     if Registry::is_oci(folder) {
         return Ok(Registry::init(registry)?.import_oci(&name, folder)?);
@@ -59,8 +59,8 @@ fn import(folder: &Path, name: &str, registry: &Location) -> Result<Published> {
         return Ok(Registry::init(registry)?.import_huggingface(&name, folder)?);
     }
     Err(bad_input(anyhow!(
-        "{} holds neither `oci-layout` nor `manifest.json`: it is no exported model; `flowservo model publish` takes a \
-         checkpoint's folder",
+        "{} is not an exported model: it has neither `oci-layout` nor `manifest.json`. To publish a checkpoint folder, use \
+         `flowservo model publish`",
         folder.display()
     )))
 }

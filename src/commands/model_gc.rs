@@ -1,4 +1,4 @@
-//! `flowservo model gc`: shows what nothing needs any more, and deletes it if asked to.
+//! `flowservo model gc`: lists unused files, and deletes them on request.
 
 use crate::cli::Gc;
 use crate::clock;
@@ -7,7 +7,7 @@ use anyhow::Result;
 use registry::{Garbage, Registry};
 use serde::Serialize;
 
-/// What was found and what was deleted of it.
+/// Result of a garbage collection.
 #[derive(Serialize)]
 struct Collected {
     found: Vec<Garbage>,
@@ -25,13 +25,13 @@ pub(crate) fn run(arguments: &Gc, json: bool) -> Result<()> {
         out!("{}  {} bytes, {}", garbage.key, garbage.size, age(garbage.age_s));
     }
     let found_bytes = bytes(&found);
-    out!("{} objects that nothing needs, {found_bytes} bytes", found.len());
+    out!("{} unused objects, {found_bytes} bytes", found.len());
     let mut deleted = Vec::new();
     if arguments.delete {
         deleted = registry.delete_garbage(found.clone(), now, grace)?;
         out!("deleted {} of them, {} bytes", deleted.len(), bytes(&deleted));
     } else if !found.is_empty() {
-        out!("nothing was deleted; --delete deletes them");
+        out!("nothing was deleted; use --delete to delete them");
     }
     let deleted_bytes = bytes(&deleted);
     print_json(json, &Collected { found, found_bytes, deleted, deleted_bytes })

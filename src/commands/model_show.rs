@@ -1,13 +1,13 @@
-//! `flowservo model show`: a version, and what is attached to it.
+//! `flowservo model show`: a version and its attachments.
 
-use super::model::{reference, told, warn};
+use super::model::{describe, reference, warn};
 use crate::output::{out, print_json};
 use anyhow::Result;
-use registry::{Attachment, Entry, Evaluation, Lineage, Location, Metric, ModelVersion, Registry};
+use registry::{Attachment, Evaluation, Event, Lineage, Location, Metric, ModelVersion, Registry};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What `--json` tells.
+/// Output of `--json`.
 #[derive(Serialize)]
 struct Shown {
     #[serde(flatten)]
@@ -16,11 +16,11 @@ struct Shown {
     attachments: Vec<Listed>,
 }
 
-/// Something that is attached.
+/// An attachment.
 #[derive(Serialize)]
 struct Listed {
     #[serde(flatten)]
-    entry: Entry,
+    event: Event,
     #[serde(skip_serializing_if = "Option::is_none")]
     signature: Option<Signed>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -39,9 +39,9 @@ pub(crate) fn run(model: &str, location: &Location, json: bool) -> Result<()> {
     warn(&version);
     let metrics = registry.metrics(&version)?;
     let mut attachments = Vec::new();
-    for entry in registry.attachments(&version)? {
-        let mut listed = Listed { entry, signature: None, evaluation: None };
-        match registry.attachment(&version, &listed.entry)? {
+    for event in registry.attachments(&version)? {
+        let mut listed = Listed { event, signature: None, evaluation: None };
+        match registry.attachment(&version, &listed.event)? {
             Some(Attachment::Signature(signature)) => {
                 listed.signature = Some(Signed { key_hint: signature.key_hint() });
             }
@@ -71,7 +71,7 @@ fn print(shown: &Shown) {
         out!("  trained on {}  {digest}", printable(dataset));
     }
     if let Some(parent) = &manifest.lineage.parent {
-        out!("  begun from {parent}");
+        out!("  started from {parent}");
     }
     if let Some(circumstances) = circumstances(&manifest.lineage) {
         out!("  trained {}", printable(&circumstances));
@@ -85,22 +85,22 @@ fn print(shown: &Shown) {
         1 => out!("  1 signature"),
         signatures => out!("  {signatures} signatures"),
     }
-    for Listed { entry, signature, evaluation } in &shown.attachments {
+    for Listed { event, signature, evaluation } in &shown.attachments {
         let what = match (signature, evaluation) {
             (Some(Signed { key_hint }), _) => {
-                format!("signature by key {}", key_hint.as_deref().unwrap_or("without a name"))
+                format!("signature by key {}", key_hint.as_deref().unwrap_or("without a hint"))
             }
             (None, Some(_)) => "evaluation".to_owned(),
             (None, None) => {
-                let kind = entry.attached.as_ref().map_or("", |attached| &attached.media_type);
-                format!("of a kind that this program does not know, {}", printable(kind))
+                let kind = event.attached().map_or("", |attached| &attached.media_type);
+                format!("of unknown type {}", printable(kind))
             }
         };
-        out!("  attachment {}: {what}{}", entry.number, told(&entry.remark));
+        out!("  attachment {}: {what}{}", event.number, describe(&event.note));
     }
 }
 
-/// How it was trained, as far as that is known.
+/// Describes the training, as far as it is known.
 fn circumstances(lineage: &Lineage) -> Option<String> {
     let Lineage { seed, device, software, code_revision, .. } = lineage;
     let seed = seed.map(|seed| format!("with seed {seed}"));
@@ -111,7 +111,7 @@ fn circumstances(lineage: &Lineage) -> Option<String> {
     (!known.is_empty()).then(|| known.join(", "))
 }
 
-/// What others wrote, without what would steer the terminal.
+/// Removes control characters, which could manipulate the terminal, from a text that others wrote.
 fn printable(text: &str) -> String {
     text.chars().filter(|c| !c.is_control()).collect()
 }

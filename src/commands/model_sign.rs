@@ -1,23 +1,21 @@
-//! `flowservo model sign` and `verify --public-key`: who vouches for a model.
+//! `flowservo model sign` and `verify --public-key`: signatures of models.
 
 use super::model;
 use super::model_attach::{attach, read_signature};
-use crate::cli::RemarkArgs;
+use crate::cli::NoteArgs;
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::{Context, Result, bail};
-use registry::{
-    Attached, Attachment, Location, ModelVersion, PrivateKey, PublicKey, Registry, Signature, SignedFiles,
-};
+use registry::{Attachment, Location, ModelVersion, PrivateKey, PublicKey, Registry, Signature, SignedFiles};
 use serde_json::json;
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-/// A signature's file, where none is named.
+/// Default file of a signature.
 const FILE: &str = "model.sig";
 
-/// Signs a version, to which the signature is attached, or a model's folder, and writes a file where one is wanted.
+/// Signs a version, to which the signature is attached, or a model folder. Writes a file if `out` names one.
 pub(crate) fn sign(
     model: &str,
     key: &Path,
@@ -34,7 +32,7 @@ pub(crate) fn sign(
         out!("{}: signed {} files of {}", out.display(), files.files.len(), files.name);
         return print_json(json, &json!({ "signature": out, "files": files.files }));
     }
-    let (registry, version) = whole(model, registry)?;
+    let (registry, version) = verified(model, registry)?;
     let files = SignedFiles::of_version(&version);
     let signature = files.sign(&key)?;
     if let Some(out) = out {
@@ -42,15 +40,14 @@ pub(crate) fn sign(
         out!("{}: signed {} files of {version}", out.display(), files.files.len());
     }
     let attachment = Attachment::Signature(signature);
-    let attached = attach(&registry, &version, &attachment, &RemarkArgs::default())?;
-    let changed = matches!(attached, Attached::New(_));
+    let attached = attach(&registry, &version, &attachment, &NoteArgs::default())?;
     let result = json!({
-        "signature": out, "changed": changed, "attachment": attached.entry(), "files": files.files,
+        "signature": out, "changed": attached.is_new(), "attachment": attached.value(), "files": files.files,
     });
     print_json(json, &result)
 }
 
-/// Verifies a signature of a model in a folder or in the registry: one in a file, or for a version one that is attached to it.
+/// Verifies a model folder or a version against a signature in a file. For a version, the default is an attached signature.
 pub(crate) fn verify(
     model: &str,
     public_key: &Path,
@@ -62,9 +59,9 @@ pub(crate) fn verify(
     let is_folder = model::is_folder(model);
     let (files, attachment) = match signature {
         None if !is_folder => {
-            let (registry, version) = whole(model, registry)?;
-            let entry = registry.signature_by(&version, &key)?;
-            (SignedFiles::of_version(&version), Some(entry.number))
+            let (registry, version) = verified(model, registry)?;
+            let event = registry.signature_by(&version, &key)?;
+            (SignedFiles::of_version(&version), Some(event.number))
         }
         file => {
             let file = file.unwrap_or(Path::new(FILE));
@@ -72,13 +69,13 @@ pub(crate) fn verify(
             let files = if is_folder {
                 SignedFiles::in_folder(Path::new(model))?
             } else {
-                SignedFiles::of_version(&whole(model, registry)?.1)
+                SignedFiles::of_version(&verified(model, registry)?.1)
             };
             files.verify(&signature, &key).with_context(|| file.display().to_string())?;
             (files, None)
         }
     };
-    out!("{model}: every one of {} files is as the key's owner signed it", files.files.len());
+    out!("{model}: the signature is valid for all {} files", files.files.len());
     print_json(json, &json!({ "verified": model, "attachment": attachment, "files": files.files }))
 }
 
@@ -94,15 +91,15 @@ fn read_key(path: &Path) -> Result<String> {
 
 fn write(file: &Path, signature: &Signature) -> Result<()> {
     let write = || File::create_new(file)?.write_all(signature.as_str().as_bytes());
-    write().with_context(|| format!("{}: a signature is never written over", file.display()))
+    write().with_context(|| format!("{}: existing signatures are never overwritten", file.display()))
 }
 
-/// A version in the registry, with every file read and compared with its digest.
-fn whole(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
+/// Resolves a version in the registry and verifies every file of it.
+fn verified(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
     let (opened, version) = model::look_up(model, registry)?;
-    // Exactly this version: an alias or the newest may be another one by now.
+    // Exactly this version: by now, an alias may name another one.
     let found = opened.verify(Some(&model::reference(&version.to_string())?))?.problems;
-    // What is wrong with an attachment spoils no file, and is told where that attachment is used.
+    // A damaged attachment does not affect the files. It is reported where it is used.
     if let Some(problem) = found.iter().find(|problem| problem.model == Some(version.to_string())) {
         bail!("{problem}");
     }

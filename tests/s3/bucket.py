@@ -128,7 +128,7 @@ def creation(s3):
     refusal = run("publish", checkpoint("run", safetensors(b"x")), "approach", "--registry", "s3://forgetful", code=1)
     assert "ignores the condition" in refusal, refusal
     assert keys(s3, "forgetful") == []
-    assert "no registry here" in run("list", "--registry", "s3://lab/other", code=1)
+    assert "there is no registry at `s3://lab/other`" in run("list", "--registry", "s3://lab/other", code=1)
     unencrypted = os.environ.pop("AWS_ALLOW_HTTP")
     assert "AWS_ALLOW_HTTP=true" in run("list", "--registry", "s3://lab/models", code=1)
     os.environ["AWS_ALLOW_HTTP"] = unencrypted
@@ -233,6 +233,21 @@ def large(s3):
     assert "damaged" in run("verify", *place, code=1)
     assert "weights.safetensors" in run("pull", "approach", "--out", "never", *place, code=1)
     assert not Path("never").exists()
+    assert "weights.safetensors" in run("copy", "approach", "--to", "other", *place, code=1)
+    checkpoint("large", safetensors(os.urandom(20_000_000)))
+    run("publish", "large", "approach", *place)
+
+
+def copies():
+    """Between a bucket and a folder, in both directions, and between prefixes."""
+    place = ("--registry", "s3://lab/large")
+    digest = result("show", "approach@2", *place)["digest"]
+    run("copy", "approach@2", "--to", "copied", *place)
+    run("copy", "approach@1", "--to", "s3://lab/copied", "--registry", "copied")
+    run("copy", "approach@1", "--to", "s3://lab/again", "--registry", "s3://lab/copied")
+    for registry in ("copied", "s3://lab/copied", "s3://lab/again"):
+        assert result("show", "approach@1", "--registry", registry)["digest"] == digest
+        run("verify", "--registry", registry)
 
 
 def use():
@@ -286,6 +301,7 @@ def main():
         lost_answers(server)
         kills(server)
         large(s3)
+        copies()
         use()
     print("the registry in a bucket passed all tests")
 

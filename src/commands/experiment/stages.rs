@@ -1,10 +1,10 @@
 //! The stages of an experiment. A stage whose result exists is reused.
 
 use super::config::{ExperimentConfig, SystemConfig};
-use crate::cli::RemarkArgs;
+use crate::cli::NoteArgs;
 use crate::commands::dataset::Generated;
 use crate::commands::train::Trained;
-use crate::commands::{dataset, eval, model, model_attach, train};
+use crate::commands::{dataset, eval, model, model_attach, model_publish, train};
 use crate::device::Opened;
 use crate::output::note;
 use crate::stop::Stop;
@@ -129,7 +129,7 @@ impl<'a> Stages<'a> {
         let registry = Registry::init(&location)?;
         let mut versions = BTreeMap::new();
         for (name, (_, trained)) in networks {
-            let version = model::publish(&registry, &trained.checkpoint, name, None)?.version().clone();
+            let version = model_publish::publish(&registry, &trained.checkpoint, name, None)?.value().clone();
             let folder = model::checkpoint(&version.to_string(), &location)?;
             versions.insert(name.clone(), (version, folder));
         }
@@ -151,7 +151,7 @@ impl<'a> Stages<'a> {
                     && evaluated.insert(network)
                 {
                     let figures = Attachment::Evaluation(model_attach::evaluation_of(checkpoint, &folder)?);
-                    model_attach::attach(&published.registry, version, &figures, &RemarkArgs::default())?;
+                    model_attach::attach(&published.registry, version, &figures, &NoteArgs::default())?;
                 }
             }
         }
