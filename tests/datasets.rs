@@ -70,10 +70,10 @@ fn info_reports_and_verify_finds_a_flipped_byte() {
 
 /// A description with a part replaced and a matching seal.
 fn resealed(description: &Path, [found, replaced]: [&str; 2]) -> String {
-    let reported = std::fs::read_to_string(description).unwrap();
-    assert!(reported.contains(found), "{found} in\n{reported}");
-    let seal: serde_json::Value = serde_json::from_str(&reported).unwrap();
-    let unsealed = reported.replace(found, replaced).replace(seal["seal"].as_str().unwrap(), "");
+    let told = std::fs::read_to_string(description).unwrap();
+    assert!(told.contains(found), "{found} in\n{told}");
+    let seal: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let unsealed = told.replace(found, replaced).replace(seal["seal"].as_str().unwrap(), "");
     let seal = datagen::publish::digest(unsealed.as_bytes());
     unsealed.replace("\"seal\": \"\"", &format!("\"seal\": \"{seal}\""))
 }

@@ -50,7 +50,7 @@ fn the_next_version_names_its_parent() {
     assert_eq!((&first["parent"], &second["parent"]), (&Value::Null, &digest));
     let shown = folder.run("model show approach@2").ok().stdout();
     assert!(shown.contains(&format!("begun from {}", digest.as_str().unwrap())), "{shown}");
-    // The software is that of the training run, not that of the publisher.
+    // What trained them is told by what they are themselves, not by who publishes.
     for lineage in [first, second] {
         assert_eq!(lineage["device"], "CPU");
         for software in ["flowservo", "burn", "rustc"] {
