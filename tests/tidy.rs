@@ -1,5 +1,7 @@
 //! The house rules in CONTRIBUTING.md that a machine can check.
 
+mod spelling;
+
 use crate::support::repository;
 use std::fs;
 use std::path::Path;
