@@ -1,5 +1,8 @@
 //! The house rules in CONTRIBUTING.md that a machine can check.
 
+mod circles;
+mod spelling;
+
 use crate::support::repository;
 use std::fs;
 use std::path::Path;

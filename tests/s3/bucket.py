@@ -1,4 +1,4 @@
-"""Tests a registry in well-behaved and misbehaving buckets, on a server in this process: bucket.py FLOWSERVO."""
+"""A registry in buckets that keep or break their promises, on a server in this process: bucket.py FLOWSERVO."""
 
 import hashlib
 import itertools
@@ -25,10 +25,7 @@ MOST_ROUNDS = 50
 
 
 class Server:
-    """moto, one request at a time: its conditional writes are not atomic, so that two threads could both succeed.
-
-    The bucket `forgetful` ignores conditions on writes. The bucket `lossy` loses the first answer to each version.
-    """
+    """moto, one request at a time: it checks for the object and then writes it, so two threads would race."""
 
     def __init__(self):
         self.moto = DomainDispatcherApplication(create_backend_app)
@@ -48,7 +45,7 @@ class Server:
             del environ["HTTP_IF_NONE_MATCH"]
 
         if conditional and bucket == "lossy" and "/versions/" in key and key not in self.answered:
-            # Performed, but not confirmed.
+            # Done, but the response is lost.
             self.answered.add(key)
             list(self.moto(environ, lambda *_: None))
             start_response("503 Service Unavailable", [("Content-Length", "0")])
@@ -109,7 +106,7 @@ def checkpoint(name, weights):
 
 
 def safetensors(data):
-    """A file with these bytes as its only tensor."""
+    """A file with these bytes as its one tensor."""
     header = json.dumps({"w": {"dtype": "U8", "shape": [len(data)], "data_offsets": [0, len(data)]}}).encode()
     return len(header).to_bytes(8, "little") + header + data
 
@@ -159,7 +156,7 @@ def races(server):
                 runs = [checkpoint(f"run{i}", content) for i, content in enumerate(weights)]
                 versions = pool.map(lambda run: result("publish", run, "approach", *place)["version"], runs)
                 for version, content in zip(versions, weights):
-                    assert published.setdefault(version, content) is content, "a version was assigned twice"
+                    assert published.setdefault(version, content) is content, "a version was given twice"
         finally:
             racing.clear()
         reader.result()
@@ -168,9 +165,9 @@ def races(server):
     for version, weights in published.items():
         digest = "sha256:" + hashlib.sha256(weights).hexdigest()
         layers = result("show", f"approach@{version}", *place)["manifest"]["layers"]
-        assert digest in [layer["digest"] for layer in layers], f"version {version} has the weights of another version"
+        assert digest in [layer["digest"] for layer in layers], f"version {version} has the weights of another"
     run("verify", *place)
-    print(f"{len(published)} versions, {server.refused} lost races, {len(seen)} pulled during the races")
+    print(f"{len(published)} versions, {server.refused} lost races, {len(seen)} pulled in the meantime")
 
 
 def lost_answers(server):
@@ -201,7 +198,7 @@ def kills(server):
 
 
 def peak_memory(process):
-    """Peak memory of a process in MiB, sampled until it exits."""
+    """Peak memory of a process in MiB, as far as the system reports it."""
     peak = 0
     while process.poll() is None:
         status = Path(f"/proc/{process.pid}/status")
@@ -223,7 +220,7 @@ def large(s3):
     run("pull", "approach", "--out", "back", *place)
     pulled = time.monotonic()
     assert Path("back/weights.safetensors").read_bytes() == weights
-    print(f"100 MB: published in {published - begun:.1f} s, pulled in {pulled - published:.1f} s, {peak:.0f} MiB peak memory")
+    print(f"100 MB: published in {published - begun:.1f} s, pulled in {pulled - published:.1f} s, {peak:.0f} MiB at most")
     assert 0 < peak < 100
     layers = result("show", "approach", *place)["manifest"]["layers"]
     digest = next(layer["digest"] for layer in layers if layer["size"] == len(weights)).removeprefix("sha256:")
@@ -303,7 +300,7 @@ def main():
         large(s3)
         copies()
         use()
-    print("the registry in a bucket passed all tests")
+    print("the registry in a bucket keeps its promises")
 
 
 if __name__ == "__main__":
