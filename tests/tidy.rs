@@ -92,8 +92,8 @@ fn millimeters_and_degrees_stay_at_the_edges() {
     let edges = [
         "config",
         "commands/train",
-        "commands/provenance",
-        "commands/inspect",
+        "commands/model/provenance",
+        "commands/dataset/inspect",
         "error",
         "units",
         "metric",

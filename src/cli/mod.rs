@@ -3,18 +3,14 @@
 mod config;
 mod dataset;
 mod eval;
-mod exchange;
 mod model;
-mod model_commands;
 mod registry;
 mod reproduce;
 mod train;
 
 pub(crate) use dataset::{Dataset, Show};
 pub(crate) use eval::Eval;
-pub(crate) use exchange::{Attach, Exchange, ExportFormat};
-pub(crate) use model::{AliasArgs, Copy, Gc, NoteArgs, Yank};
-pub(crate) use model_commands::Model;
+pub(crate) use model::{AliasArgs, Attach, Copy, Exchange, ExportFormat, Gc, Model, NoteArgs, Yank};
 pub(crate) use reproduce::Reproduce;
 pub(crate) use train::Train;
 

@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &cli::Eval, stop: &Stop, json: bool) -> Result<()> 
             policy.clone_from(given);
         }
         if policy != ORACLE {
-            *policy = super::model::checkpoint(policy, &registry.registry)?.display().to_string();
+            *policy = super::lookup::checkpoint(policy, &registry.registry)?.display().to_string();
         }
     }
     file.check(config.validate())?;

@@ -2,26 +2,10 @@
 
 mod dataset;
 mod eval;
-mod experiment;
-mod inspect;
+mod lookup;
 mod model;
-mod model_alias;
-mod model_attach;
-mod model_command;
-mod model_copy;
-mod model_diff;
-mod model_export;
-mod model_gc;
-mod model_publish;
-mod model_show;
-mod model_sign;
-mod predict;
-mod provenance;
-mod replay;
-mod report;
 mod reproduce;
 mod train;
-mod warm_start;
 
 use crate::cli::{Cli, Command};
 use crate::stop::Stop;
@@ -39,6 +23,6 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Train(arguments) => train::run(arguments, &Stop::listen()?, cli.json),
         Command::Eval(arguments) => eval::run(arguments, &Stop::listen()?, cli.json),
         // Ctrl-C ends these immediately, since a registry is consistent at any moment.
-        Command::Model(command) => model_command::run(command, cli.json),
+        Command::Model(command) => model::run(command, cli.json),
     }
 }

@@ -1,7 +1,8 @@
 //! `report.html`: the results of `reproduce` on one page.
 
-use super::experiment::{Reproduced, SystemConfig};
-use super::train;
+use super::config::SystemConfig;
+use super::results::ExperimentResults;
+use crate::commands::train;
 use crate::file::write_file;
 use ::eval::results::published::proposed_method;
 use ::eval::results::system::System;
@@ -23,7 +24,7 @@ use world::units::{to_deg, to_mm};
 use world::{AvoidanceMap, Environment};
 
 /// Writes the page.
-pub(crate) fn write(preset: &str, reproduced: &Reproduced, device: &Device, out: &Path) -> Result<()> {
+pub(crate) fn write(preset: &str, reproduced: &ExperimentResults, device: &Device, out: &Path) -> Result<()> {
     let report = Report {
         title: "Visual servoing in a virtual environment: a reproduction".to_owned(),
         summary: summary(preset, reproduced),
@@ -37,7 +38,7 @@ pub(crate) fn write(preset: &str, reproduced: &Reproduced, device: &Device, out:
     write_file(&out.join("report.html"), report.to_html())
 }
 
-fn summary(preset: &str, reproduced: &Reproduced) -> Vec<String> {
+fn summary(preset: &str, reproduced: &ExperimentResults) -> Vec<String> {
     let rows: u64 = reproduced.datasets.iter().map(|dataset| dataset.rows).sum();
     let mut paragraphs = vec![format!(
         "The preset {preset} generated {} datasets with {rows} examples, trained {} networks, and ran the servo sessions of \
@@ -65,7 +66,7 @@ fn summary(preset: &str, reproduced: &Reproduced) -> Vec<String> {
     paragraphs
 }
 
-fn facts(preset: &str, reproduced: &Reproduced) -> Vec<(String, String)> {
+fn facts(preset: &str, reproduced: &ExperimentResults) -> Vec<(String, String)> {
     let camera = &reproduced.config.evaluation.world.camera;
     let facts = [
         ("preset", preset.to_owned()),
@@ -77,7 +78,7 @@ fn facts(preset: &str, reproduced: &Reproduced) -> Vec<(String, String)> {
     facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
-fn figures(reproduced: &Reproduced, device: &Device) -> Result<Vec<Figure>> {
+fn figures(reproduced: &ExperimentResults, device: &Device) -> Result<Vec<Figure>> {
     let mut drawn = training_figures(reproduced)?;
     let environment = Environment::new(&reproduced.config.evaluation.world)?;
     let (Some(system), Some((_, records))) = (reproduced.config.systems.first(), reproduced.systems.first())
@@ -97,7 +98,7 @@ fn figures(reproduced: &Reproduced, device: &Device) -> Result<Vec<Figure>> {
 }
 
 /// Draws one figure per kind of network, since their losses are not comparable.
-fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
+fn training_figures(reproduced: &ExperimentResults) -> Result<Vec<Figure>> {
     let mut drawn = Vec::new();
     for (kind, label) in
         [(Kind::Approach, "Training of CNN_approach"), (Kind::Avoidance, "Training of CNN_avoid")]
@@ -117,7 +118,7 @@ fn training_figures(reproduced: &Reproduced) -> Result<Vec<Figure>> {
 
 /// Returns the predictions of `CNN_avoid` at the start of the first sessions with obstacles, with ground truth.
 fn avoidance_examples(
-    reproduced: &Reproduced,
+    reproduced: &ExperimentResults,
     system: &SystemConfig,
     environment: &Environment,
     records: &[SessionRecord],

@@ -1,7 +1,11 @@
 //! The commands of `flowservo model`.
 
-use super::exchange::Exchange;
-use super::model::{AliasArgs, Copy, Gc, Yank};
+mod arguments;
+mod exchange;
+
+pub(crate) use arguments::{AliasArgs, Copy, Gc, NoteArgs, Yank};
+pub(crate) use exchange::{Attach, Exchange, ExportFormat};
+
 use super::registry::RegistryArgs;
 use clap::Subcommand;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! `flowservo model show`: a version and its attachments.
 
-use super::model::{describe, reference, warn};
+use crate::commands::lookup::{describe, reference, warn};
 use crate::output::{out, print_json};
 use anyhow::Result;
 use registry::{Attachment, Evaluation, Event, Lineage, Location, Metric, ModelVersion, Registry};

@@ -1,8 +1,8 @@
 //! `flowservo model alias` and `yank`: changeable marks on versions.
 
-use super::model::{describe, warn};
 use crate::cli::{AliasArgs, NoteArgs, Yank};
 use crate::clock;
+use crate::commands::lookup::{describe, warn};
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::{Result, anyhow};

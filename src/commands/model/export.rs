@@ -1,7 +1,8 @@
 //! `flowservo model predict|export|import`: models outside the registry.
 
-use super::{model, model_attach, model_sign, predict};
+use super::{attach, predict, sign};
 use crate::cli::{Exchange, ExportFormat};
+use crate::commands::lookup;
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::{Result, anyhow};
@@ -12,15 +13,15 @@ use std::path::Path;
 pub(crate) fn run(command: &Exchange, json: bool) -> Result<()> {
     match command {
         Exchange::Predict { model, images, registry } => {
-            predict::run(&model::checkpoint(model, &registry.registry)?, images, json)
+            predict::run(&lookup::checkpoint(model, &registry.registry)?, images, json)
         }
         Exchange::Sign { model, key, out, registry } => {
-            model_sign::sign(model, key, out.as_deref(), &registry.registry, json)
+            sign::sign(model, key, out.as_deref(), &registry.registry, json)
         }
-        Exchange::Attach(arguments) => model_attach::run(arguments, json),
+        Exchange::Attach(arguments) => attach::run(arguments, json),
         Exchange::Export { model, format, out, license, registry } => {
             let opened = Registry::open(&registry.registry)?;
-            let reference = model::reference(model)?;
+            let reference = lookup::reference(model)?;
             if license.is_some() && *format == ExportFormat::Oci {
                 return Err(bad_input(anyhow!(
                     "--license requires --format huggingface: an OCI layout has no card"

@@ -1,8 +1,8 @@
 //! `flowservo model copy`: versions from one registry to another.
 
-use super::model::{reference, warn};
-use super::model_alias::note;
+use super::alias::note;
 use crate::cli::{Copy, NoteArgs};
+use crate::commands::lookup::{reference, warn};
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::Result;

@@ -1,7 +1,7 @@
 //! `flowservo model publish`: a checkpoint as the next version of a model.
 
-use super::model::warn;
-use super::{model_attach, provenance};
+use super::lookup::warn;
+use super::{attach, provenance};
 use crate::error::bad_input;
 use crate::output::out;
 use anyhow::Result;
@@ -17,7 +17,7 @@ pub(crate) fn publish(
 ) -> Result<Outcome<ModelVersion>> {
     let name: ModelName = name.parse().map_err(bad_input)?;
     let mut provenance = provenance::of(checkpoint)?;
-    let evaluation = evaluation.map(|folder| model_attach::evaluation_of(checkpoint, folder)).transpose()?;
+    let evaluation = evaluation.map(|folder| attach::evaluation_of(checkpoint, folder)).transpose()?;
     if let Some(evaluation) = &evaluation {
         provenance.metrics.extend(evaluation.metrics.clone());
     }
@@ -29,7 +29,7 @@ pub(crate) fn publish(
         Outcome::AlreadyThere(_) => {
             out!("{name}@{version} already has this content; nothing was published");
             if let Some(evaluation) = evaluation {
-                model_attach::attach_new_metrics(registry, published.value(), evaluation)?;
+                attach::attach_new_metrics(registry, published.value(), evaluation)?;
             }
         }
     }

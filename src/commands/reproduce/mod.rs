@@ -14,8 +14,16 @@
 //! The digits in the folder name of a stage are a digest of everything that determines its content. A finished stage is therefore
 //! reused until something before it changes.
 
-use super::experiment::{ExperimentConfig, Reproduced, Stages};
-use super::{eval, report};
+mod config;
+mod report;
+mod results;
+mod stages;
+
+use config::ExperimentConfig;
+use results::ExperimentResults;
+use stages::Stages;
+
+use super::eval;
 use crate::cli;
 use crate::device::{self, Opened};
 use crate::file::write_file;
@@ -53,7 +61,7 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
 }
 
 /// Runs the stages in order. Each uses the results of those before it.
-fn run_stages(config: ExperimentConfig, out: &Path, device: &Opened, stop: &Stop) -> Result<Reproduced> {
+fn run_stages(config: ExperimentConfig, out: &Path, device: &Opened, stop: &Stop) -> Result<ExperimentResults> {
     let mut stages = Stages::new(&config, out, device, stop);
     let datasets = stages.generate_datasets()?;
     let trained = stages.train_networks(&datasets)?;
@@ -61,5 +69,5 @@ fn run_stages(config: ExperimentConfig, out: &Path, device: &Opened, stop: &Stop
     let systems = stages.run_sessions(&published)?;
     let stages = stages.finish();
     let datasets = datasets.into_values().map(|(_, generated)| generated).collect();
-    Ok(Reproduced { config, device: device.name.clone(), stages, datasets, trained, systems })
+    Ok(ExperimentResults { config, device: device.name.clone(), stages, datasets, trained, systems })
 }

@@ -1,6 +1,6 @@
 //! Arguments of `flowservo model alias`, `yank`, `copy` and `gc`.
 
-use super::registry::RegistryArgs;
+use crate::cli::registry::RegistryArgs;
 use clap::Args;
 use registry::Location;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! `flowservo train --from MODEL`: the model that a training run starts from.
 
-use super::model;
+use crate::commands::lookup;
 use anyhow::Result;
 use registry::{Location, ModelRef, Selector};
 use std::path::Path;
@@ -10,7 +10,7 @@ use train::{ModelInfo, Task, TrainConfig, WarmStart};
 /// Finds and verifies the model that a configuration names. Replaces the name by that of the exact version.
 pub(crate) fn find(config: &mut TrainConfig, task: &Task, registry: &Location) -> Result<Option<WarmStart>> {
     let Some(parent) = &mut config.parent else { return Ok(None) };
-    let (folder, found) = model::find(parent, registry)?;
+    let (folder, found) = lookup::find(parent, registry)?;
     let version = found.map(|found| {
         let name = found.to_string();
         let manifest_sha256 = found.digest.hex();

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Results of all stages.
-pub(crate) struct Reproduced {
+pub(crate) struct ExperimentResults {
     /// Configuration.
     pub(crate) config: ExperimentConfig,
     /// Name of the device.
@@ -27,7 +27,7 @@ pub(crate) struct Reproduced {
     pub(crate) systems: Vec<(System, Vec<SessionRecord>)>,
 }
 
-impl Reproduced {
+impl ExperimentResults {
     /// Returns the results as JSON. `seconds` is the duration of the command.
     pub(crate) fn to_json(&self, seconds: f64) -> Value {
         let trained: BTreeMap<_, _> =

@@ -1,8 +1,8 @@
 //! `flowservo model sign` and `verify --public-key`: signatures of models.
 
-use super::model;
-use super::model_attach::{attach, read_signature};
+use super::attach::{attach, read_signature};
 use crate::cli::NoteArgs;
+use crate::commands::lookup;
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use anyhow::{Context, Result, bail};
@@ -25,7 +25,7 @@ pub(crate) fn sign(
 ) -> Result<()> {
     let pem = read_key(key)?;
     let key = PrivateKey::from_pem(&pem).with_context(|| key.display().to_string()).map_err(bad_input)?;
-    if model::is_folder(model) {
+    if lookup::is_folder(model) {
         let out = out.unwrap_or(Path::new(FILE));
         let files = SignedFiles::in_folder(Path::new(model))?;
         write(out, &files.sign(&key)?)?;
@@ -56,7 +56,7 @@ pub(crate) fn verify(
     json: bool,
 ) -> Result<()> {
     let key = read_public_key(public_key)?;
-    let is_folder = model::is_folder(model);
+    let is_folder = lookup::is_folder(model);
     let (files, attachment) = match signature {
         None if !is_folder => {
             let (registry, version) = verified(model, registry)?;
@@ -96,9 +96,9 @@ fn write(file: &Path, signature: &Signature) -> Result<()> {
 
 /// Resolves a version in the registry and verifies every file of it.
 fn verified(model: &str, registry: &Location) -> Result<(Registry, ModelVersion)> {
-    let (opened, version) = model::look_up(model, registry)?;
+    let (opened, version) = lookup::look_up(model, registry)?;
     // Exactly this version: by now, an alias may name another one.
-    let found = opened.verify(Some(&model::reference(&version.to_string())?))?.problems;
+    let found = opened.verify(Some(&lookup::reference(&version.to_string())?))?.problems;
     // A damaged attachment does not affect the files. It is reported where it is used.
     if let Some(problem) = found.iter().find(|problem| problem.model == Some(version.to_string())) {
         bail!("{problem}");

@@ -1,6 +1,8 @@
 //! `flowservo dataset`: generates and inspects datasets.
 
-use super::{inspect, replay};
+mod inspect;
+mod replay;
+
 use crate::cli;
 use crate::config::Config;
 use crate::memory::peak_rss_mb;

@@ -1,6 +1,7 @@
 //! `flowservo train`: trains a network on datasets.
 
-use super::warm_start;
+mod warm_start;
+
 use crate::cli;
 use crate::config::Config;
 use crate::device::{self, Opened};

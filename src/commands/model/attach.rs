@@ -1,9 +1,9 @@
 //! `flowservo model attach`: evaluations and signatures of published versions.
 
-use super::eval;
-use super::model::{reference, warn};
-use super::model_alias::note;
+use super::alias::note;
 use crate::cli::{Attach, NoteArgs};
+use crate::commands::eval;
+use crate::commands::lookup::{reference, warn};
 use crate::error::bad_input;
 use crate::output::{out, print_json};
 use ::eval::EvalConfig;

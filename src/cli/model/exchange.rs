@@ -1,7 +1,7 @@
 //! Arguments of the commands of `flowservo model` that exchange models with other tools.
 
-use super::model::NoteArgs;
-use super::registry::RegistryArgs;
+use super::arguments::NoteArgs;
+use crate::cli::registry::RegistryArgs;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 

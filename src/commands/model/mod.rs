@@ -1,8 +1,18 @@
 //! `flowservo model`: the commands on the registry of versioned checkpoints.
 
-use super::{
-    model, model_alias, model_copy, model_diff, model_export, model_gc, model_publish, model_show, model_sign,
-};
+mod alias;
+pub(crate) mod attach;
+mod copy;
+mod diff;
+mod export;
+mod gc;
+mod predict;
+mod provenance;
+pub(crate) mod publish;
+mod show;
+mod sign;
+
+use super::lookup;
 use crate::cli;
 use crate::output::{out, print_json};
 use anyhow::{Result, bail};
@@ -14,7 +24,7 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
         cli::Model::Publish { checkpoint, name, evaluation, registry } => {
             let evaluation = evaluation.as_deref();
             let published =
-                model_publish::publish(&Registry::init(&registry.registry)?, checkpoint, name, evaluation)?;
+                publish::publish(&Registry::init(&registry.registry)?, checkpoint, name, evaluation)?;
             print_json(json, published.value())
         }
         cli::Model::List { registry } => {
@@ -24,14 +34,14 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             }
             print_json(json, &models)
         }
-        cli::Model::Show { model, registry } => model_show::run(model, &registry.registry, json),
+        cli::Model::Show { model, registry } => show::run(model, &registry.registry, json),
         cli::Model::Pull { model, out, public_key, registry } => {
-            let (opened, reference) = (Registry::open(&registry.registry)?, model::reference(model)?);
+            let (opened, reference) = (Registry::open(&registry.registry)?, lookup::reference(model)?);
             let pulled = match public_key {
                 None => opened.pull(&reference, out)?,
-                Some(key) => opened.pull_signed(&reference, out, &model_sign::read_public_key(key)?)?,
+                Some(key) => opened.pull_signed(&reference, out, &sign::read_public_key(key)?)?,
             };
-            model::warn(pulled.value());
+            lookup::warn(pulled.value());
             let signed = if public_key.is_some() { "; the signature is valid" } else { "" };
             let ModelVersion { name, version, .. } = pulled.value();
             match &pulled {
@@ -41,17 +51,17 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
             print_json(json, pulled.value())
         }
         cli::Model::Verify { model: Some(model), public_key: Some(key), signature, registry } => {
-            model_sign::verify(model, key, signature.as_deref(), &registry.registry, json)
+            sign::verify(model, key, signature.as_deref(), &registry.registry, json)
         }
         cli::Model::Verify { model, registry, .. } => verify(model.as_deref(), &registry.registry, json),
-        cli::Model::Alias(arguments) => model_alias::alias(arguments, json),
-        cli::Model::Yank(arguments) => model_alias::yank(arguments, json),
-        cli::Model::Copy(arguments) => model_copy::run(arguments, json),
-        cli::Model::Gc(arguments) => model_gc::run(arguments, json),
+        cli::Model::Alias(arguments) => alias::alias(arguments, json),
+        cli::Model::Yank(arguments) => alias::yank(arguments, json),
+        cli::Model::Copy(arguments) => copy::run(arguments, json),
+        cli::Model::Gc(arguments) => gc::run(arguments, json),
         cli::Model::Diff { from, to, registry } => {
-            model_diff::run(&Registry::open(&registry.registry)?, from, to, json)
+            diff::run(&Registry::open(&registry.registry)?, from, to, json)
         }
-        cli::Model::Exchange(command) => model_export::run(command, json),
+        cli::Model::Exchange(command) => export::run(command, json),
         cli::Model::Init { registry } => {
             let created = init(&registry.registry)?;
             print_json(
@@ -64,7 +74,7 @@ pub(crate) fn run(command: &cli::Model, json: bool) -> Result<()> {
 
 /// Verifies a version, or the whole registry.
 fn verify(model: Option<&str>, location: &Location, json: bool) -> Result<()> {
-    let asked = model.map(model::reference).transpose()?;
+    let asked = model.map(lookup::reference).transpose()?;
     let found = Registry::open(location)?.verify(asked.as_ref())?;
     for problem in &found.problems {
         out!("{problem}");

@@ -1,6 +1,6 @@
 //! `flowservo model diff`: the differences between two versions.
 
-use super::model::{reference, warn};
+use crate::commands::lookup::{reference, warn};
 use crate::output::{out, print_json};
 use anyhow::Result;
 use registry::{Change, MetricChange, Registry};

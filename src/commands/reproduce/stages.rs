@@ -3,8 +3,9 @@
 use super::config::{ExperimentConfig, SystemConfig};
 use crate::cli::NoteArgs;
 use crate::commands::dataset::Generated;
+use crate::commands::model::{attach, publish};
 use crate::commands::train::Trained;
-use crate::commands::{dataset, eval, model, model_attach, model_publish, train};
+use crate::commands::{dataset, eval, lookup, train};
 use crate::device::Opened;
 use crate::output::note;
 use crate::stop::Stop;
@@ -129,8 +130,8 @@ impl<'a> Stages<'a> {
         let registry = Registry::init(&location)?;
         let mut versions = BTreeMap::new();
         for (name, (_, trained)) in networks {
-            let version = model_publish::publish(&registry, &trained.checkpoint, name, None)?.value().clone();
-            let folder = model::checkpoint(&version.to_string(), &location)?;
+            let version = publish::publish(&registry, &trained.checkpoint, name, None)?.value().clone();
+            let folder = lookup::checkpoint(&version.to_string(), &location)?;
             versions.insert(name.clone(), (version, folder));
         }
         Ok(PublishedNetworks { registry, versions })
@@ -150,8 +151,8 @@ impl<'a> Stages<'a> {
                 if let Some((version, checkpoint)) = published.versions.get(network)
                     && evaluated.insert(network)
                 {
-                    let figures = Attachment::Evaluation(model_attach::evaluation_of(checkpoint, &folder)?);
-                    model_attach::attach(&published.registry, version, &figures, &NoteArgs::default())?;
+                    let figures = Attachment::Evaluation(attach::evaluation_of(checkpoint, &folder)?);
+                    attach::attach(&published.registry, version, &figures, &NoteArgs::default())?;
                 }
             }
         }
