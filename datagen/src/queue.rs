@@ -53,7 +53,7 @@ pub(crate) fn in_order<I: Send, T: Send, R>(
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
-    use std::time::Duration;
+    use std::time::{Duration, Instant};
 
     fn pool(threads: usize) -> rayon::ThreadPool {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
@@ -79,7 +79,11 @@ mod tests {
         let taken = pool(2).install(|| {
             in_order(0.., count, |results| {
                 let first = results.next();
-                std::thread::sleep(Duration::from_millis(50));
+                // A slow machine needs longer; without the threads nothing would ever come.
+                let deadline = Instant::now() + Duration::from_mins(1);
+                while made.load(Ordering::Relaxed) < WAITING && Instant::now() < deadline {
+                    std::thread::yield_now();
+                }
                 first
             })
         });

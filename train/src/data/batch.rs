@@ -65,7 +65,7 @@ pub(crate) fn prefetch<'a, R>(
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
-    use std::time::Duration;
+    use std::time::{Duration, Instant};
 
     use datagen::Kind;
 
@@ -90,9 +90,11 @@ mod tests {
         begun.store(0, Ordering::Relaxed);
         prefetch(&examples, batches(), |batches| {
             batches.next().unwrap().unwrap();
-            while begun.load(Ordering::Relaxed) < 2 {
+            let deadline = Instant::now() + Duration::from_mins(1);
+            while begun.load(Ordering::Relaxed) < 2 && Instant::now() < deadline {
                 thread::yield_now();
             }
+            // The third batch must not be loaded while the second waits to be taken.
             thread::sleep(Duration::from_millis(5));
         });
         assert_eq!(begun.into_inner(), 2);
