@@ -1,5 +1,5 @@
 //! The paper's numbered equations and ranges, each against an independent oracle: a closed form, finite differences, brute
-//! force, the printed numbers.
+//! force, or the printed numbers.
 
 use crate::support::repository;
 use approx::assert_relative_eq;

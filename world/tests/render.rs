@@ -613,7 +613,7 @@ fn a_textured_image_is_the_same_on_every_machine() {
 
 /// A regression test: an outline that left the image sideways was missed if none of the three lines of a cell crossed it.
 #[test]
-fn what_leaves_an_image_is_cut_at_its_border() {
+fn an_outline_is_cut_at_the_border_of_the_image() {
     let (camera, beside) = (camera(80, 60), 160);
     let mut wide = camera.clone();
     wide.width += 2 * beside;

@@ -54,7 +54,7 @@ pub struct ObstacleConfig {
     pub height_mm: [f64; 2],
     /// Rotation about the vertical axis.
     pub yaw_deg: [f64; 2],
-    /// Horizontal distance between its center and the hand; for an approach, the hand at its goal.
+    /// Horizontal distance from the hand to the center of an obstacle; for an approach, from the hand at its goal.
     pub distance_mm: [f64; 2],
     /// Minimum gap to the target and between obstacles.
     pub gap_mm: f64,

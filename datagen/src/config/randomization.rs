@@ -26,7 +26,7 @@ pub struct RandomizationConfig {
 pub struct LightSpread {
     /// Half-angle of the cone of directions, drawn uniformly by solid angle.
     pub cone_deg: f64,
-    /// Maximum change of the ambient share in either direction; the result is clamped to 0 to 1.
+    /// Maximum change of the ambient fraction in either direction; the result is clamped to 0 to 1.
     pub ambient: f64,
 }
 
@@ -60,7 +60,7 @@ pub struct TextureConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TextureRange {
-    /// Contrast, as a share of the color of the surface; `[0, 0]` means no texture.
+    /// Contrast, as a fraction of the color of the surface; `[0, 0]` means no texture.
     pub contrast: [f64; 2],
     /// Size of the pattern.
     pub grain_mm: [f64; 2],
@@ -74,7 +74,7 @@ pub struct TextureRange {
 pub struct CameraSpread {
     /// Standard deviation of the blur, in pixels.
     pub blur: [f64; 2],
-    /// Standard deviation of the noise, as a share of full scale.
+    /// Standard deviation of the noise, as a fraction of full scale.
     pub noise: [f64; 2],
     /// Maximum offset of the mount along each axis of the camera.
     pub shift_mm: f64,

@@ -31,7 +31,7 @@ pub(super) struct DataFile {
 }
 
 impl DataFile {
-    /// Names a file without opening it.
+    /// Creates a handle for a file without opening it.
     pub(super) fn new(path: PathBuf, rows: Range<u64>) -> Self {
         Self { path, rows, footer: OnceLock::new() }
     }

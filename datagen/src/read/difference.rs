@@ -59,7 +59,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Compares a column of one generated and one stored row. Returns `None` if they are equal to the bit.
+/// Compares a column of one generated and one stored row. Returns `None` if they are bit-identical.
 pub(super) fn difference(made: &dyn Array, stored: &dyn Array) -> Option<Difference> {
     if made == stored {
         return None;

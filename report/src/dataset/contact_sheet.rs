@@ -27,7 +27,7 @@ const BETWEEN: f64 = 6.0;
 const HEADER: f64 = 110.0;
 /// Space for the two lines below the images and the gap to the next cell.
 const CAPTION: f64 = 64.0;
-/// Wider images are scaled down to keep the file small.
+/// Maximum width of an image \[pixels\]. Wider ones are scaled down to keep the file small.
 const MOST_PIXELS: u32 = 480;
 /// Columns and rows of arrows over an image.
 const ARROWS: [u32; 2] = [7, 5];
@@ -205,7 +205,7 @@ fn draw_caption(svg: &mut Svg, [x, y]: [f64; 2], example: &Example, below: &str)
     svg.text([x, y], &format!("row {}", example.index), &NAME);
     svg.text([x + CELL, y], below, &TextStyle { anchor: Anchor::End, bold: false, ..NAME });
     let obstacles = match example.scene.obstacles.len() {
-        0 => "no obstacle".to_owned(),
+        0 => "no obstacles".to_owned(),
         1 => "1 obstacle".to_owned(),
         n => format!("{n} obstacles"),
     };

@@ -91,7 +91,7 @@ mod tests {
         }
 
         #[test]
-        fn far_away_an_answer_is_right_or_none(pose in range_1_at([0.5, 0.18, 0.0])) {
+        fn far_away_a_solution_is_right_or_absent(pose in range_1_at([0.5, 0.18, 0.0])) {
             if let Some(joints) = arm().joints_for(&pose) {
                 assert_relative_eq!(arm().robot_from_hand(&joints), pose, epsilon = 1e-9);
                 prop_assert!(arm().within_limits(&joints));
