@@ -18,8 +18,8 @@ fn generate(count: usize) -> String {
 #[test]
 fn a_dataset_resumes_after_ctrl_c() {
     let folder = Folder::new();
-    // The program waits for this record, so that it cannot get further before Ctrl-C.
     folder.run(&format!("{} --shard 1/32", generate(4096))).ok();
+    // The program waits for the lock on this record, so that it cannot get further before Ctrl-C.
     let held = folder.hold("data/shards/train-00003-of-00032.json");
     let reached = folder.path("data/data/train-00003-of-00032.parquet");
     let stopped = folder.run_and_interrupt(&generate(4096), || reached.exists(), || drop(held));
@@ -209,7 +209,7 @@ fn killed_training_resumes_and_ends_with_the_same_weights() {
             let torn = fs::read_to_string(path("metrics.jsonl")).unwrap() + "{\"epoch\":99,\"tra";
             folder.write("run/metrics.jsonl", &torn);
         } else {
-            // It finished first.
+            // The run finished before it could be killed.
             fs::remove_dir_all(folder.path("run")).unwrap();
             tries += 1;
             assert!(tries < 20, "finished 20 times before {:?}", moments[kills]);

@@ -33,7 +33,7 @@ pub enum Difference {
     },
     /// Numbers differ.
     Numbers {
-        /// Largest absolute difference, in the unit of the column; NaN if a stored number is NaN.
+        /// Largest absolute difference, in the unit of the column; NaN if a number is NaN.
         greatest: f64,
     },
     /// Any other difference: text, type, list length, or an image that cannot be decoded.

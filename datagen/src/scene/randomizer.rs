@@ -1,7 +1,8 @@
 //! Domain randomization of light, colors, textures and camera. It goes beyond the paper, whose datasets leave it off.
 //!
-//! It has its own random stream and always draws all numbers in the same order. Scenes and motions are therefore the same as
-//! without it, unless a changed mount loses sight of the target. For the same reason, turning on noise does not change a color.
+//! It has its own random stream and always draws all numbers in the same order. Objects and motions are therefore the same as
+//! without it, unless a displaced camera loses sight of the target. For the same reason, turning on noise does not change any
+//! color.
 
 use super::random::{stream, uniform};
 use crate::config::{DatasetConfig, RandomizationConfig, TextureRange};

@@ -83,7 +83,7 @@ pub fn generate_part(
     Ok(PartSummary { files: files.len() as u64, rows, rows_made })
 }
 
-/// Writes the missing shards. Returns the files of all shards, and the files that existed before.
+/// Writes the missing shards. Returns the records of existing files, and the files of all shards.
 fn write_missing(
     generator: &ExampleGenerator<'_>,
     shards: &[Shard],
