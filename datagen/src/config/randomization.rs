@@ -114,22 +114,32 @@ impl RandomizationConfig {
 
 impl TextureRange {
     fn validate(&self, key: &str) -> Result<()> {
-        require_interval(format!("{key}.contrast"), self.contrast, [0.0, 1.0], "[from, to], within 0 to 1")?;
+        require_interval(
+            format!("{key}.contrast"),
+            self.contrast,
+            [0.0, 1.0],
+            "[from, to], between 0 and 1",
+        )?;
         require_interval(
             format!("{key}.grain_mm"),
             self.grain_mm,
             [0.1, 1000.0],
-            "[from, to], within 0.1 to 1000",
+            "[from, to], between 0.1 and 1000",
         )?;
-        require_interval(format!("{key}.stretch"), self.stretch, [1.0, 100.0], "[from, to], within 1 to 100")
+        require_interval(
+            format!("{key}.stretch"),
+            self.stretch,
+            [1.0, 100.0],
+            "[from, to], between 1 and 100",
+        )
     }
 }
 
 impl CameraSpread {
     fn validate(&self) -> Result<()> {
         let key = |name| format!("randomization.camera.{name}");
-        require_interval(key("blur"), self.blur, [0.0, 20.0], "[from, to], within 0 to 20 pixels")?;
-        require_interval(key("noise"), self.noise, [0.0, 0.5], "[from, to], within 0 to 0.5")?;
+        require_interval(key("blur"), self.blur, [0.0, 20.0], "[from, to], between 0 and 20 pixels")?;
+        require_interval(key("noise"), self.noise, [0.0, 0.5], "[from, to], between 0 and 0.5")?;
         require(key("shift_mm"), (0.0..=100.0).contains(&self.shift_mm), self.shift_mm, "0 to 100")?;
         require(key("turn_deg"), (0.0..=30.0).contains(&self.turn_deg), self.turn_deg, "0 to 30")
     }

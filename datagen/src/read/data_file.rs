@@ -97,7 +97,7 @@ impl RowGroup<'_> {
         rows: impl Iterator<Item = Range<u64>>,
         columns: &[&str],
     ) -> Result<ParquetRecordBatchReader> {
-        // Each group opens the file anew: threads that share an open file would move each other's position in it.
+        // Each group opens the file itself: threads that share an open file would move each other's position in it.
         let file = File::open(self.path).map_err(Error::io(self.path))?;
         self.select(file, rows, columns)
     }

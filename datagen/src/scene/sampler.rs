@@ -50,7 +50,7 @@ impl<'a> Sampler<'a> {
     /// Draws a placement, with at most `rejection.tries` attempts.
     ///
     /// The motion and the number of obstacles are drawn once, so that rejection does not change their distributions.
-    /// Everything else is drawn anew in each attempt.
+    /// Everything else is redrawn in each attempt.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Result<Placement, Rejections> {
         let motion = self.motion(rng);
         let [from, to] = self.obstacles.count;

@@ -68,9 +68,9 @@ impl Hand {
         self.boxes.iter().map(body).collect()
     }
 
-    /// Returns the points from which obstacles are viewed in addition to the center of the hand, in the hand frame: the outer ends
-    /// of the two fingertips and the four corners of the front face of the palm. The paper specifies only "on the edges of the
-    /// hand".
+    /// Returns the points from which obstacles are viewed in addition to the center of the hand, in the hand frame: the outer
+    /// ends of the two fingertips and the four corners of the front face of the palm. The paper specifies only "on the edges of
+    /// the hand".
     pub fn reference_points(&self) -> &[Point3<f64>] {
         &self.reference_points
     }
