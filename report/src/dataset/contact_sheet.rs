@@ -160,7 +160,7 @@ fn draw_header(svg: &mut Svg, reader: &DatasetReader) {
     }
 }
 
-/// Draws current and goal image with the flow between them. Returns the text below them at the right.
+/// Draws current and goal image with the flow between them. Returns the right-hand text of the caption.
 fn draw_approach(svg: &mut Svg, area: &Area, example: &Example, row: &ApproachRow) -> Result<String> {
     example.draw_images(svg, area)?;
     let Example { camera, scene, .. } = example;
@@ -177,7 +177,7 @@ fn draw_approach(svg: &mut Svg, area: &Area, example: &Example, row: &ApproachRo
     Ok(format!("{:.0} mm, {:.1}°", to_mm(twist.translation.norm()), to_deg(twist.rotation.norm())))
 }
 
-/// Draws the image beside its avoidance map. Returns the text below them at the right.
+/// Draws the image beside its avoidance map. Returns the right-hand text of the caption.
 fn draw_avoidance(svg: &mut Svg, area: &Area, example: &Example, row: &AvoidanceRow) -> Result<String> {
     example.draw_images(svg, area)?;
     let points = MeasuringPoints::spiral(row.values.len().max(2));
