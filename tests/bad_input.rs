@@ -91,7 +91,7 @@ fn damaged_and_foreign_datasets() {
     folder.run(&format!("{train} {tiny} --resume")).fails(1, &["run", "resume"]);
     let shard = folder.path("data/data/train-00000-of-00001.parquet");
     let whole = std::fs::read(&shard).unwrap();
-    for damaged in [&whole[..whole.len() - 20], b"this is no Parquet file"] {
+    for damaged in [&whole[..whole.len() - 20], b"not a Parquet file"] {
         std::fs::write(&shard, damaged).unwrap();
         folder.run(&format!("{train} {tiny}")).fails(1, &["train-00000-of-00001.parquet"]);
     }
@@ -119,7 +119,7 @@ fn missing_and_unsuitable_models() {
         2,
         &["no model `approach`: not a checkpoint folder", "there is no registry at `models`", "model init"],
     );
-    folder.write("empty/readme.txt", "no checkpoint");
+    folder.write("empty/readme.txt", "not a checkpoint");
     folder
         .run(&format!("{eval} --approach empty --avoid oracle"))
         .fails(2, &["no model `empty`: the folder has no model.json"]);

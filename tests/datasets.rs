@@ -68,7 +68,7 @@ fn info_reports_and_verify_finds_a_flipped_byte() {
     folder.run("dataset verify data").fails(1, &["train-00001-of-00002.parquet", "SHA-256"]);
 }
 
-/// A description with a part replaced and a matching seal.
+/// The manifest with a part replaced and a matching seal.
 fn resealed(description: &Path, [found, replaced]: [&str; 2]) -> String {
     let reported = std::fs::read_to_string(description).unwrap();
     assert!(reported.contains(found), "{found} in\n{reported}");
@@ -79,7 +79,7 @@ fn resealed(description: &Path, [found, replaced]: [&str; 2]) -> String {
 }
 
 #[test]
-fn a_row_is_made_again_and_compared() {
+fn a_row_is_regenerated_and_compared() {
     let folder = Folder::new();
     folder.run(&generate("c.toml", 7, "data")).ok();
     let replayed = folder.run("dataset replay data 6 --out again --json").ok();
@@ -94,7 +94,7 @@ fn a_row_is_made_again_and_compared() {
         |name: &str| std::fs::read(folder.path(&format!("again/00000006_image_goal_{name}.png"))).unwrap();
     assert!(image("made").starts_with(b"\x89PNG") && image("made") == image("stored"));
 
-    // A row rendered with another light, first by this version, then by an older one.
+    // A row rendered with different light, first by this version, then by an older one.
     let description = folder.path("data/dataset.json");
     let brighter = resealed(&description, ["\"ambient\": 0.5", "\"ambient\": 0.75"]);
     std::fs::write(&description, &brighter).unwrap();
@@ -112,7 +112,9 @@ fn a_row_is_made_again_and_compared() {
     std::fs::write(&description, older).unwrap();
     folder.run("dataset replay data 6").fails(1, &["written by flowservo 0.0.1"]);
 
-    folder.run("dataset replay data 7").fails(1, &["rows 7 to 8 asked for, but the dataset has 7"]);
+    folder
+        .run("dataset replay data 7")
+        .fails(1, &["requested rows 7 to 8 (exclusive), but the dataset has 7"]);
     std::fs::write(folder.path("data/data/train-00001-of-00002.parquet"), "short").unwrap();
     folder.run("dataset replay data 6").fails(1, &["train-00001-of-00002.parquet: expected"]);
     std::fs::remove_file(description).unwrap();
@@ -172,7 +174,7 @@ fn info_describes_avoidance_maps() {
 }
 
 #[test]
-fn show_draws_the_rows_that_are_asked_for() {
+fn show_draws_the_requested_rows() {
     let folder = Folder::new();
     folder.run(&generate("c.toml", 14, "data")).ok();
     let drawing = |file: &str| std::fs::read_to_string(folder.path(file)).unwrap();
@@ -236,7 +238,7 @@ fn verify_names_all_damage_and_generate_repairs_it() {
     assert_eq!(run.json()["faults"][1]["problem"], "missing");
     assert_eq!(folder.run(&generate("avoid.toml", 13, "data")).ok().json()["rows_made"], 7);
     assert!(folder.files("data") == whole);
-    // A damaged description cannot be trusted. The same configuration restores it.
+    // A damaged manifest cannot be trusted. The same configuration restores it.
     let described = String::from_utf8(whole["dataset.json"].clone()).unwrap();
     folder.write("data/dataset.json", &described.replace("\"rows\": 13", "\"rows\": 12"));
     for command in ["dataset verify data", "dataset info data"] {

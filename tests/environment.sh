@@ -1,6 +1,6 @@
 # Sourced by the scripts that check flowservo with other programs: finds the program, and installs what a check needs.
 #
-# A check that lacks something fails with exit code 3. CI=true installs missing Debian packages first, when run as root.
+# A check whose requirements are missing fails with exit code 3. CI=true installs missing Debian packages first, when run as root.
 # FLOWSERVO_SKIP_MISSING=1 reports the check as skipped and succeeds; CI=true ignores it.
 
 repository="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
@@ -9,7 +9,7 @@ target="${CARGO_TARGET_DIR:-$repository/target}"
 # Compiled Python modules go here, not beside the sources.
 export PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX="$target/pycache"
 
-# missing MESSAGE: ends the check because it lacks something.
+# missing MESSAGE: ends the check because a requirement is missing.
 missing() {
     if [ "${FLOWSERVO_SKIP_MISSING:-0}" = 1 ] && [ "${CI:-false}" != true ]; then
         echo "skipped: $1"

@@ -18,8 +18,8 @@ fn generate(count: usize) -> String {
 #[test]
 fn a_dataset_resumes_after_ctrl_c() {
     let folder = Folder::new();
-    // The program waits for this record, so that it cannot get further before Ctrl-C.
     folder.run(&format!("{} --shard 1/32", generate(4096))).ok();
+    // The program waits for the lock on this record, so that it cannot get further before Ctrl-C.
     let held = folder.hold("data/shards/train-00003-of-00032.json");
     let reached = folder.path("data/data/train-00003-of-00032.parquet");
     let stopped = folder.run_and_interrupt(&generate(4096), || reached.exists(), || drop(held));
@@ -50,7 +50,7 @@ fn names(folder: &Path, end: &str) -> BTreeSet<String> {
     names.filter(|name| name.ends_with(end)).collect()
 }
 
-/// When a program that generates a dataset is killed.
+/// Moment at which the generation of a dataset is killed.
 #[derive(Debug)]
 enum Moment {
     /// When the next file reaches this size, in blocks of 512 bytes.
@@ -64,7 +64,7 @@ fn a_killed_dataset_resumes_and_ends_with_the_same_bytes() {
     use std::os::unix::fs::MetadataExt as _;
     let folder = Folder::new();
     let (data, records) = (folder.path("data/data"), folder.path("data/shards"));
-    // A file that is made again has a different inode.
+    // A file that is written again has a different inode.
     let inode = |record: &String| {
         let file = data.join(record.replace(".json", ".parquet"));
         (record.clone(), fs::metadata(file).unwrap().ino())
@@ -83,7 +83,7 @@ fn a_killed_dataset_resumes_and_ends_with_the_same_bytes() {
         };
         assert!(killed, "round {round}: finished before {moment:?}");
         let now: BTreeSet<_> = names(&records, ".json").iter().map(inode).collect();
-        assert!(committed.is_subset(&now), "{moment:?}: a finished file is gone or was made again");
+        assert!(committed.is_subset(&now), "{moment:?}: a finished file is gone or was written again");
         match moment {
             Moment::AtSize(0) => {}
             Moment::AtSize(_) => assert_eq!(names(&data, ".partial").len(), 1),
@@ -93,7 +93,7 @@ fn a_killed_dataset_resumes_and_ends_with_the_same_bytes() {
     }
     let rest = folder.run(&format!("{} --shard 1/1", generate_many("data"))).ok().json();
     assert_eq!(rest["rows_made"], 7680 - 160 * committed.len() as u64);
-    // Before the card is written, and before the description is.
+    // Kills before the card is written, and before the manifest is.
     for (written, held) in [("shards", "README.md"), ("README.md", "dataset.json")] {
         let (_held, written) = (folder.hold(&format!("data/{held}")), folder.path("data").join(written));
         assert!(folder.run_and_kill(&generate_many("data"), || written.exists()));
@@ -102,7 +102,7 @@ fn a_killed_dataset_resumes_and_ends_with_the_same_bytes() {
     assert_eq!(folder.run(&generate_many("data")).ok().json()["rows_made"], 0);
     for (record, inode) in &committed {
         let file = data.join(record.replace(".json", ".parquet"));
-        assert_eq!(fs::metadata(file).unwrap().ino(), *inode, "{record} was made again");
+        assert_eq!(fs::metadata(file).unwrap().ino(), *inode, "the file of {record} was written again");
     }
     folder.run(&generate_many("whole")).ok();
     assert!(folder.files("data") == folder.files("whole"));
@@ -158,10 +158,10 @@ fn training_resumes_after_ctrl_c_and_ends_with_the_same_weights() {
     let undisturbed = folder.run(&train("other", 150)).ok().json();
     assert_eq!(resumed.json()["best"], undisturbed["best"]);
     let weights = |run: &str| fs::read(folder.path(run).join("last/weights.safetensors")).unwrap();
-    assert!(weights("run") == weights("other"), "the same weights to the bit");
+    assert!(weights("run") == weights("other"), "the weights must be bit-identical");
 }
 
-/// When a training run is killed.
+/// Moment at which a training run is killed.
 #[derive(Debug)]
 enum Due {
     /// At this checkpoint, counted from the start of the program.
@@ -209,7 +209,7 @@ fn killed_training_resumes_and_ends_with_the_same_weights() {
             let torn = fs::read_to_string(path("metrics.jsonl")).unwrap() + "{\"epoch\":99,\"tra";
             folder.write("run/metrics.jsonl", &torn);
         } else {
-            // It finished first.
+            // The run finished before it could be killed.
             fs::remove_dir_all(folder.path("run")).unwrap();
             tries += 1;
             assert!(tries < 20, "finished 20 times before {:?}", moments[kills]);
@@ -240,7 +240,7 @@ fn metrics(folder: &Folder, run: &str) -> Vec<Value> {
 }
 
 #[test]
-fn a_full_disk_is_an_error_and_the_same_command_goes_on() {
+fn a_full_disk_is_an_error_and_the_same_command_resumes() {
     let folder = Folder::new();
     let name = "data/data/train-00000-of-00002.parquet";
     folder.run_with_little_space(64, &generate(256)).fails(1, &[name, "File too large"]);
@@ -251,7 +251,7 @@ fn a_full_disk_is_an_error_and_the_same_command_goes_on() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_an_error_whatever_is_written() {
+fn a_full_disk_is_an_error_for_every_file() {
     let folder = Folder::new();
     folder.run(&generate(256).replace("--out data", "--out whole")).ok();
     let mut made = Vec::new();
@@ -262,7 +262,7 @@ fn a_full_disk_is_an_error_whatever_is_written() {
         "README.md",
         "dataset.json",
     ] {
-        // Where the file is written before it gets its name, nothing can be written.
+        // The partial file leads to a full device.
         let (inside, file) = name.rsplit_once('/').unwrap_or(("", name));
         let inside = folder.path("data").join(inside);
         fs::create_dir_all(&inside).unwrap();
@@ -271,7 +271,7 @@ fn a_full_disk_is_an_error_whatever_is_written() {
         assert!(!folder.path("data/dataset.json").exists());
         made.push(names(&folder.path("data/shards"), ".json").len());
     }
-    assert_eq!(made, [0, 0, 1, 2, 2], "what was committed stays");
+    assert_eq!(made, [0, 0, 1, 2, 2], "committed files are kept");
     assert_eq!(folder.run(&generate(256)).ok().json()["rows_made"], 0);
     assert!(folder.files("data") == folder.files("whole"));
 }

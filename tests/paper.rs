@@ -1,5 +1,5 @@
 //! The paper's numbered equations and ranges, each against an independent oracle: a closed form, finite differences, brute
-//! force, the printed numbers.
+//! force, or the printed numbers.
 
 use crate::support::repository;
 use approx::assert_relative_eq;
@@ -43,7 +43,7 @@ fn eq_1_a_single_element_gives_the_cosine_to_it() {
     }
 }
 
-/// Values above 0.9 within 60 degrees of straight down, 0.1 elsewhere.
+/// A map with 0.9 within 60 degrees of straight down, and 0.1 elsewhere.
 fn blocked_below(points: &MeasuringPoints) -> AvoidanceMap {
     let value = |g: &UnitVector3<f64>| if g.z < -0.5 { 0.9 } else { 0.1 };
     AvoidanceMap { values: points.directions().iter().map(value).collect() }
@@ -108,7 +108,7 @@ fn in_sight(environment: &Environment, joints: &JointVector) -> Point3<f64> {
 }
 
 #[test]
-fn eq_4_5_6_without_active_rows_the_program_is_weighted_least_squares() {
+fn eq_4_5_6_without_active_constraints_the_program_is_weighted_least_squares() {
     // Eq. (4), Eq. (5), Eq. (6)
     let environment = environment();
     let joints = hiro::init();

@@ -97,8 +97,8 @@ impl Folder {
         self.run_limited("trap '' XFSZ", blocks, arguments)
     }
 
-    /// Runs the program and has the system kill it, without a chance to clean up, when it writes beyond this size of a file,
-    /// in 512-byte blocks. Returns false if it finishes without such a write.
+    /// Runs the program and has the system kill it, without a chance to clean up, when it writes a file beyond this size, in
+    /// 512-byte blocks. Returns false if it finishes without such a write.
     #[cfg(unix)]
     pub(crate) fn run_and_kill_at_size(&self, blocks: u32, arguments: &str) -> bool {
         self.run_limited("ulimit -c 0", blocks, arguments).output.status.code().is_none()
@@ -182,8 +182,8 @@ impl Folder {
         panic!("flowservo {arguments} finished ten times before it could be interrupted");
     }
 
-    /// Locks the partial file of a file that the program writes under a lock, so that the program waits before it writes
-    /// it, for as long as the result lives.
+    /// Locks the partial file of a file, as its writer does. The program waits before writing the file until the result is
+    /// dropped.
     pub(crate) fn hold(&self, name: &str) -> File {
         let path = self.path(name);
         let partial = path.with_file_name(format!(".{}.partial", path.file_name().unwrap().display()));

@@ -56,7 +56,7 @@ fn none(what: &str, offenders: &[String]) {
     assert!(offenders.is_empty(), "{what}:\n  {}", offenders.join("\n  "));
 }
 
-/// Names of source files with a line of code for which `offends` holds.
+/// Lines of code for which `offends` holds, with file and number, in files that are not `allowed`.
 fn lines(allowed: impl Fn(&str) -> bool, offends: impl Fn(&str) -> bool) -> Vec<String> {
     let mut offenders = Vec::new();
     for source in sources().iter().filter(|source| !allowed(&source.name)) {
@@ -78,13 +78,13 @@ fn no_source_file_is_longer_than_400_lines() {
 }
 
 #[test]
-fn no_drawers() {
+fn no_file_name_is_vague() {
     let drawers =
         ["util", "utils", "helper", "helpers", "common", "misc", "base", "types", "manager", "core"];
     let is_drawer = |name: &str| name.trim_end_matches(".rs").split('/').any(|part| drawers.contains(&part));
     let named: Vec<_> =
         sources().into_iter().map(|source| source.name).filter(|name| is_drawer(name)).collect();
-    none("a name that says what is inside is missing", &named);
+    none("names that do not describe the contents", &named);
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn millimeters_and_degrees_stay_at_the_edges() {
     ];
     let at_the_edge = |name: &str| edges.iter().any(|edge| name.contains(edge));
     let offends = |line: &str| {
-        // Text in quotes is for people, and a line that reads a configuration is an edge.
+        // Quoted text is for people, and a line that reads a configuration counts as an edge.
         let code: String = line.split("//").next().unwrap().split('"').step_by(2).collect();
         let reads = code.contains("config.");
         !reads
@@ -122,11 +122,11 @@ fn millimeters_and_degrees_stay_at_the_edges() {
                 .split(|c: char| !c.is_ascii_alphanumeric() && c != '_')
                 .any(|word| (word.ends_with("_mm") || word.ends_with("_deg")) && !word.starts_with("to_"))
     };
-    none("SI units are used inside", &lines(at_the_edge, offends));
+    none("millimeters or degrees inside the program; use SI units", &lines(at_the_edge, offends));
 }
 
 #[test]
-fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
+fn each_numbered_equation_has_one_implementation_and_a_test() {
     let tests = fs::read_to_string(repository().join("tests/paper.rs")).unwrap();
     for number in 1..=8 {
         let citation = format!("Eq. ({number})");
@@ -148,14 +148,14 @@ fn each_numbered_equation_stands_once_in_the_code_and_in_the_tests() {
 }
 
 #[test]
-fn one_file_names_a_backend_and_one_names_parry() {
+fn backends_and_parry_stay_in_their_files() {
     let backend =
         |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
     let may = |name: &str| ["src/device.rs", "train/src/network/cpu.rs"].contains(&name);
-    none("src/device.rs names backends, and train the CPU for its own kernels", &lines(may, backend));
+    none("only src/device.rs and train/src/network/cpu.rs may name a backend", &lines(may, backend));
     let parry = |line: &str| line.contains("parry3d") || line.contains("glam");
     let may = |name: &str| name.starts_with("world/") && name.ends_with("geometry.rs");
-    none("only geometry.rs of world names parry", &lines(may, parry));
+    none("only world/src/geometry.rs may use parry or glam", &lines(may, parry));
 }
 
 #[test]
@@ -178,21 +178,21 @@ fn dependencies_point_one_way() {
 }
 
 #[test]
-fn nothing_is_left_for_later() {
+fn nothing_is_unfinished() {
     let marks = ["todo!", "unimplemented!", "allow(dead_code)", "#[ignore", "TODO", "FIXME"];
     none("unfinished", &lines(|_| false, |line| marks.iter().any(|mark| line.contains(mark))));
 }
 
-/// In the standard library the last bits of these functions depend on the machine. In `libm` they do not.
+/// The last bits of these functions depend on the machine in the standard library, but not in `libm`.
 #[test]
-fn what_decides_a_byte_of_a_dataset_is_portable() {
+fn code_that_determines_dataset_bytes_is_portable() {
     let functions = [
         "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp",
         "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powi", "powf", "hypot", "cbrt", "mul_add",
     ];
     let decides = |name: &str| name.starts_with("world/") || name.starts_with("datagen/");
     let calls = |line: &str| functions.iter().any(|name| line.contains(&format!(".{name}(")));
-    none("use `libm`", &lines(|name| !decides(name), calls));
+    none("calls to functions that are not portable; use `libm`", &lines(|name| !decides(name), calls));
 }
 
 #[test]

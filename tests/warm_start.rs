@@ -76,7 +76,7 @@ fn the_next_version_names_its_parent() {
     let exact = format!("parent = \"approach@{}\"", digest.as_str().unwrap());
     folder.run(&train("--from approach@2 --out second --resume")).fails(1, &[&exact, "approach@2"]);
     folder.run(&train("--out second --resume")).fails(1, &[&exact, "absent"]);
-    // A checkpoint folder has no version that could be named.
+    // A checkpoint folder has no version to record.
     folder.run(&train("--from first/best --out third")).ok();
     folder.run("model publish third/best approach").ok();
     assert_eq!(lineage(&folder, "approach@1").0["parent"], Value::Null);

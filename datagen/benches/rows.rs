@@ -1,4 +1,4 @@
-//! Cost of the rows of the shipped datasets, in stages and as a whole: `cargo bench -p datagen`.
+//! Time per row of the shipped datasets, by stage and in total: `cargo bench -p datagen`.
 #![allow(clippy::unwrap_used)]
 
 use datagen::scene::stream;
@@ -16,7 +16,7 @@ fn main() {
 
 const DATASETS: [&str; 4] = ["a", "b", "c", "avoid"];
 
-/// Rows of the benchmark of a whole dataset.
+/// Number of rows in the benchmark that generates a whole dataset.
 const ROWS: u64 = 256;
 
 /// Returns a file of `configs/datasets/` with `extends` resolved.

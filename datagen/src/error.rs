@@ -72,13 +72,13 @@ pub enum Error {
         dir: PathBuf,
         /// Number of files of the dataset.
         files: u64,
-        /// Missing and damaged files, each with its number from 1.
+        /// Missing and damaged files, each with its number, counted from 1.
         missing: Vec<(u64, Defect)>,
     },
     /// A complete dataset with defects.
     #[error(
-        "{}: not as it was written:{}\ndownload the dataset again, or run `dataset generate` with the same configuration, which \
-         regenerates only the damaged files",
+        "{}: changed since it was written:{}\ndownload the dataset again, or run `dataset generate` with the same configuration, \
+         which regenerates only the damaged files",
         dir.display(),
         lines(defects)
     )]
@@ -110,16 +110,16 @@ pub enum Error {
         /// Digest of the requested configuration.
         expected: String,
     },
-    /// An incomplete dataset that another version of flowservo began. Rows can differ between versions.
+    /// An incomplete dataset that another version of flowservo started. Rows can differ between versions.
     #[error(
-        "{} was begun by flowservo {found}, but this is {}; complete it with that version, or choose another folder",
+        "{} was started by flowservo {found}, but this is {}; complete it with that version, or choose another folder",
         dir.display(),
         env!("CARGO_PKG_VERSION")
     )]
     OtherVersion {
         /// The folder.
         dir: PathBuf,
-        /// Version that began the dataset.
+        /// Version that started the dataset.
         found: String,
     },
     /// A `config.toml` that is not a dataset configuration.
@@ -133,7 +133,7 @@ pub enum Error {
         /// What is wrong with it.
         found: String,
     },
-    /// A Parquet file that is not part of the dataset. Data tools would read it as well.
+    /// A Parquet file that is not part of the dataset. Data tools would read it, too.
     #[error("{} does not belong to this dataset; remove it, or choose another folder", path.display())]
     Stray {
         /// The file.
@@ -150,7 +150,7 @@ pub enum Error {
         found: Kind,
     },
     /// A range of rows that exceeds the dataset.
-    #[error("{}: rows {start} to {end} asked for, but the dataset has {rows}", dir.display())]
+    #[error("{}: requested rows {start} to {end} (exclusive), but the dataset has {rows}", dir.display())]
     OutOfRange {
         /// The folder.
         dir: PathBuf,

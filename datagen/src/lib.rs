@@ -1,6 +1,6 @@
 //! Datasets: samples scenes, writes them as Parquet and reads them back (paper, Sections 6.2 and 6.3).
 //!
-//! The modules tell the way of a row, from its configuration to disk and back:
+//! The modules follow a row from its configuration to disk and back:
 //!
 //! 1. [`config`]: the configuration of a dataset is parsed and validated.
 //! 2. [`scene`]: a scene and hand poses are drawn until the arm reaches them, the hand touches nothing and the camera sees the

@@ -1,4 +1,4 @@
-//! Real sessions for unit tests.
+//! Servo sessions for unit tests.
 
 use eval::policy::oracle::Oracle;
 use eval::{EvalConfig, Policies, SessionRecord, run_sessions};

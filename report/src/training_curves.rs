@@ -54,7 +54,7 @@ pub fn training_curves(label: &str, curves: &[TrainingCurve]) -> Figure {
     let names: Vec<&str> = curves.iter().map(|c| c.name.as_str()).collect();
     let caption = format!(
         "Training of {}. Loss: mean squared error of the network's output, solid for the validation examples, dashed for the \
-         training examples. Errors: means over the validation examples. Discs: the epoch with the lowest validation loss, \
+         training examples. Errors: means over the validation examples. Dots: the epoch with the lowest validation loss, \
          whose weights are used. Vertical axes are logarithmic. The paper shows no training curves.",
         names.join(", ")
     );
@@ -71,7 +71,7 @@ fn chart(heading: &str, series: Vec<Series>, epochs: usize) -> Chart {
     }
 }
 
-/// Returns a line per curve and a disc at its best epoch, without names. A curve has the same color in all panels.
+/// Returns a line per curve and a dot at its best epoch, without names. A curve has the same color in all panels.
 fn lines(curves: &[TrainingCurve], value: fn(&Epoch) -> Option<f64>) -> Vec<Series> {
     let point = |e: &Epoch| value(e).map(|v| [e.epoch as f64, v]);
     let line = |(i, curve): (usize, &TrainingCurve)| {
@@ -133,7 +133,7 @@ mod tests {
         assert_eq!(without.svg.matches(">epoch<").count(), 1);
         assert_balanced(&with.svg);
         assert!(with.svg.contains("a &lt;net&gt;"));
-        // One disc in the legend and one per panel, at the last epoch, which has the lowest loss.
+        // One dot in the legend and one per panel, at the last epoch, which has the lowest loss.
         assert_eq!(with.svg.matches("<circle").count(), 1 + 3);
     }
 }

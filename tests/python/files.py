@@ -17,18 +17,18 @@ ROWS_PER_GROUP = 128
 KEY = b"huggingface"
 
 CHECKS = [
-    "files_are_named_as_the_convention_says",
+    "files_are_named_by_the_convention",
     "every_row_has_the_published_columns",
     "every_field_is_nullable_and_nothing_is_null",
-    "readers_of_footer_and_of_arrow_schema_learn_the_features",
-    "groups_of_rows_are_small_and_indexed",
-    "images_are_stored_as_they_are",
+    "footer_and_arrow_schema_describe_the_features",
+    "row_groups_are_small_and_indexed",
+    "images_are_stored_uncompressed",
     "the_card_describes_the_files",
     "images_are_plain_png_that_pillow_and_zlib_decode_alike",
 ]
 
 
-def files_are_named_as_the_convention_says(folder):
+def files_are_named_by_the_convention(folder):
     for split, files in folder.splits.items():
         names = [FILE_NAME.fullmatch(file.name) for file in files]
         holds("names as train-00000-of-00003.parquet", all(names), [file.name for file in files])
@@ -66,7 +66,7 @@ def every_field_is_nullable_and_nothing_is_null(folder):
         same(f"nulls in {name}", [part.null_count for part in [flat, *children]], [0] * (1 + len(children)))
 
 
-def readers_of_footer_and_of_arrow_schema_learn_the_features(folder):
+def footer_and_arrow_schema_describe_the_features(folder):
     for file in folder.files:
         footer = pq.ParquetFile(file).metadata.metadata
         schema = pa.ipc.read_schema(pa.py_buffer(base64.b64decode(footer[b"ARROW:schema"])))
@@ -77,12 +77,12 @@ def readers_of_footer_and_of_arrow_schema_learn_the_features(folder):
         same(f"columns with features in {file.name}", sorted(features), sorted(schema.names))
 
 
-def groups_of_rows_are_small_and_indexed(folder):
+def row_groups_are_small_and_indexed(folder):
     for file in folder.files:
         metadata = pq.ParquetFile(file).metadata
         groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
         holds(
-            f"groups of at most {ROWS_PER_GROUP} rows in {file.name}",
+            f"row groups of at most {ROWS_PER_GROUP} rows in {file.name}",
             all(group.num_rows <= ROWS_PER_GROUP for group in groups),
             [group.num_rows for group in groups],
         )
@@ -93,7 +93,7 @@ def groups_of_rows_are_small_and_indexed(folder):
                 same(f"column index of {path} in {file.name}", column.has_column_index, True)
 
 
-def images_are_stored_as_they_are(folder):
+def images_are_stored_uncompressed(folder):
     for file in folder.files:
         metadata = pq.ParquetFile(file).metadata
         groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]

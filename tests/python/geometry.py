@@ -110,8 +110,8 @@ def the_camera_is_in_the_row(folder):
         near(f"camera of row {number}", row["camera"], [focal, focal, half_width, half_height], 1e-9)
         # Behind the hand, with the same viewing direction.
         position, quaternion = row["hand_from_camera"][:3], row["hand_from_camera"][3:]
-        near(f"place of the camera in row {number}", position, [0, 0, -camera["behind_hand_mm"] / 1000], 1e-12)
-        near(f"view of the camera in row {number}", from_quaternion(*quaternion)[:, 2], [0, 0, 1], 1e-12)
+        near(f"position of the camera in row {number}", position, [0, 0, -camera["behind_hand_mm"] / 1000], 1e-12)
+        near(f"viewing direction of the camera in row {number}", from_quaternion(*quaternion)[:, 2], [0, 0, 1], 1e-12)
 
 
 def the_cross_is_where_the_numbers_say(folder):

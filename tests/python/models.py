@@ -22,7 +22,7 @@ def predicted_by(program, model, images):
 
 def main():
     program, folder, models = sys.argv[1], Path(sys.argv[2]), [Path(model) for model in sys.argv[3:]]
-    # Without the stored images, which have the same pixels.
+    # The stored images are left out: they have the same pixels.
     pictures = sorted(str(path) for path in folder.iterdir() if "stored" not in path.name)
     assert len(pictures) == 4, pictures
     failed = 0

@@ -3,7 +3,7 @@
 use super::{Source, none, sources};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// An import: names from the root or the current module, and the name it has here, `*` for all.
+/// An import: its path, from the root or the current module, and its name in this module, or `*` for all names.
 #[derive(Debug, PartialEq)]
 struct Import {
     path: Vec<String>,
@@ -14,7 +14,7 @@ struct Import {
 #[derive(Debug, Default)]
 struct Module {
     file: String,
-    /// Names from the root, which has none.
+    /// Path from the root, whose own path is empty.
     path: Vec<String>,
     /// Names defined at the top level of the file.
     items: BTreeSet<String>,
@@ -297,13 +297,13 @@ fn absolute(here: &[String], path: &[String]) -> Vec<String> {
     base.into_iter().chain(rest.iter().cloned()).collect()
 }
 
-/// Index of the module with the longest path that is the beginning of this one.
+/// Index of the module with the longest path that is a prefix of this one.
 fn containing(modules: &[Module], path: &[String]) -> Option<usize> {
     let contains = |&index: &usize| path.starts_with(&modules[index].path);
     (0..modules.len()).filter(contains).max_by_key(|&index| modules[index].path.len())
 }
 
-/// Index of the module whose file defines what a path names. Follows re-exports, at most so many.
+/// Index of the module whose file defines the item at a path. Follows at most `follow` re-exports.
 fn defining(modules: &[Module], path: &[String], follow: u32) -> Option<usize> {
     let index = containing(modules, path)?;
     let module = &modules[index];
@@ -317,7 +317,7 @@ fn defining(modules: &[Module], path: &[String], follow: u32) -> Option<usize> {
         defining(modules, &path, follow)
     };
     if let Some(import) = module.imports.iter().find(|import| import.alias == *name) {
-        // Nothing is found if another crate defines it.
+        // Another crate may define it; then nothing is found.
         return continued(import, None).or(Some(index));
     }
     module
@@ -340,7 +340,7 @@ fn arrows(modules: &[Module]) -> Vec<BTreeSet<usize>> {
     modules.iter().map(used).collect()
 }
 
-/// The shortest circle through each arrow that is part of one, as text.
+/// The shortest circle through each import that is part of one, as text.
 fn circles(files: &[(String, String)]) -> BTreeSet<String> {
     let modules: Vec<_> = files.iter().map(|(file, text)| Module::new(file, text)).collect();
     let tests: Vec<_> = modules.iter().flat_map(|module| module.tests.clone()).collect();
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn parents_parts_tests_and_comments_make_no_circle() {
+    fn parents_parts_tests_and_comments_do_not_count() {
         check(
             &[
                 ("lib.rs", "mod a; mod b; pub fn f() { b::f(); } #[cfg(test)] mod fixture;"),

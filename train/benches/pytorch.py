@@ -27,7 +27,7 @@ from networks import ApproachNet
 # As in configs/train/ and in pytorch.rs.
 LEARNING_RATE, WEIGHT_DECAY, GRADIENT_CLIP = 1e-3, 0.01, 1.0
 
-# Permutation of our convolution weights, [k, k, in, out], to those of PyTorch, [out, in, k, k].
+# Permutation of flowservo's convolution weights, [k, k, in, out], to those of PyTorch, [out, in, k, k].
 CONV_AXES = (3, 2, 0, 1)
 
 CASE_FORM = "train|infer/TRUNK/SYMMETRY/WIDTH/INPUT/BATCH, e.g. train/flownet_s/antisymmetric/0.25/128x96/32"
@@ -66,7 +66,7 @@ class Case:
 
 
 class Ours:
-    """The Rust half, in its own process."""
+    """The flowservo half, in its own process."""
 
     name = "flowservo"
 
@@ -189,7 +189,7 @@ def compare(options, ours):
 
 
 def weights_of(file):
-    """Reads our weights in PyTorch's layout."""
+    """Reads flowservo's weights in PyTorch's layout."""
     tensors = load_file(file)
     axes = {4: CONV_AXES, 2: (1, 0), 1: (0,)}
     return {name: tensor.permute(axes[tensor.ndim]) for name, tensor in tensors.items()}
@@ -217,8 +217,8 @@ def computed_by_ours(case, ours, steps):
 
 
 def differences(found, oracle):
-    """Returns the greatest deviation of each tensor relative to its greatest value. Losses are relative to the first loss.
-    Gradients, some of which are zero, are relative to at least a hundredth of the greatest gradient."""
+    """Returns the maximum deviation of each tensor relative to its maximum value. Losses are relative to the first loss.
+    Gradients, some of which are zero, are relative to at least a hundredth of the maximum gradient."""
     far = lambda a, b: (a.double() - b).abs().max().item()
     output, loss, gradients, last = oracle
     least = 1e-2 * max(gradient.abs().max().item() for gradient in gradients.values())
@@ -260,7 +260,7 @@ def check(options, ours):
 
 
 def build(device):
-    """Compiles our half and returns the path of the program."""
+    """Compiles the flowservo half and returns the path of the program."""
     command = "cargo bench -p train --bench pytorch --no-run --message-format=json-render-diagnostics".split()
     command += [] if device == "cpu" else ["--features", device]
     built = subprocess.run(command, cwd=Path(__file__).parent, stdout=subprocess.PIPE, text=True)

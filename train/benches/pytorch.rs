@@ -1,5 +1,5 @@
-//! Our half of the comparison with PyTorch. `train/benches/pytorch.sh` runs both halves. This one reads commands as lines of
-//! JSON from standard input, answers each with a line on standard output, and sleeps in between:
+//! The flowservo half of the comparison with PyTorch. `train/benches/pytorch.sh` runs both halves. This one reads commands as
+//! lines of JSON from standard input, answers each with a line on standard output, and sleeps in between:
 //!
 //! ```text
 //! {"setup": {"device": "cpu", "batch": 32, "network": {"trunk": "flownet_s", "symmetry": "none", "width": 0.25,

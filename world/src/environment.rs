@@ -155,8 +155,8 @@ mod tests {
         let post = (cuboid([0.01, 0.01, 0.01]), Isometry3::translation(0.36, 0.30, 0.1));
         let scene =
             world.scene((cuboid([0.06, 0.04, 0.03]), Isometry3::translation(0.36, 0.18, 0.0)), vec![post]);
-        // The post is to the left of the palm, seen from the robot. Of the seven origins, the center of the palm and the corners of its
-        // front face are at the height of the post.
+        // The post is to the left of the palm, seen from the robot. Of the seven origins, the center of the palm and the corners
+        // of its front face are at the height of the post.
         let hand = hand_at(0.36, 0.18, 0.1);
         let map = world.avoidance_map(&scene, &hand);
         let origins = [[0.0, 0.0, 0.0], [0.0, 0.062, 0.07], [0.0, -0.062, 0.07]];

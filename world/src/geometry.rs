@@ -1,4 +1,4 @@
-//! Overlap and distance of bodies. This is the only file that names parry and glam.
+//! Overlap and distance of bodies. No other file uses parry or glam.
 
 use crate::scene::{Body, Shape};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -88,7 +88,7 @@ mod tests {
         body.robot_from_body * within
     }
 
-    /// Alternating projections onto two convex bodies converge to their nearest points, with decreasing distance.
+    /// Computes the distance of two convex bodies by alternating projections, which converge to their nearest points.
     fn distance_by_projections(a: &Body, b: &Body) -> f64 {
         let mut on_a = Point3::from(a.robot_from_body.translation.vector);
         let mut length = f64::INFINITY;

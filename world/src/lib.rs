@@ -1,7 +1,7 @@
 //! The virtual environment: the scene on the table, the wrist camera that sees it, and the arm that moves the camera.
 //!
-//! Training data and servo sessions both come from this environment; that is the idea of the paper. The crate reads no file and no
-//! clock, knows no network, and is deterministic. All quantities are in meters, radians and `f64`.
+//! Training data and servo sessions both come from this environment; that is the idea of the paper. The crate is deterministic:
+//! it reads no files and no clock. It contains no neural network. All quantities are `f64`, in meters and radians.
 //!
 //! Frames are right-handed, and transforms are named `a_from_b`:
 //!

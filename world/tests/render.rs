@@ -392,8 +392,8 @@ fn a_tenth_of_a_pixel_moves_the_image_by_a_tenth_of_a_pixel() {
     }
 }
 
-/// Returns the sum of the changes in the first channel, and of their magnitudes, when the image plane is shifted, in units of full
-/// scale.
+/// Returns the sum of the changes in the first channel, and of their magnitudes, when the image plane is shifted, in units of
+/// full scale.
 fn change(scene: &Scene, pose: &Isometry3<f64>, camera: &Camera, shift: nalgebra::Vector2<f64>) -> [f64; 2] {
     let mut shifted = camera.clone();
     shifted.center += shift;
@@ -428,8 +428,8 @@ fn an_edge_moved_by_a_tenth_of_a_pixel_changes_the_image_by_a_tenth_of_its_lengt
                 let shift = nalgebra::Vector2::new(-along.y, along.x) * share;
                 let [sum, magnitudes] = change(&scene, &pose, &camera, shift);
                 let moved = sum.abs() / (contrast * length);
-                // An edge along the columns has the same rounding error in all rows: half a byte value before and after, in one or two
-                // columns.
+                // An edge along the columns has the same rounding error in all rows: half a byte value before and after, in one
+                // or two columns.
                 let tolerance = if angle == 0.0 { 2.0 / (255.0 * contrast) } else { 0.001 };
                 assert!((moved - 0.1).abs() < tolerance, "{scene:?}, {angle}, {phase}: {moved}");
                 assert!(magnitudes - sum.abs() < 1e-9, "{scene:?}, {angle}, {phase}: there and back");
@@ -508,7 +508,8 @@ fn two_cameras_see_the_same_pattern() {
         if !(4.0..636.0).contains(&there.x) || !(4.0..476.0).contains(&there.y) || depth.is_infinite() {
             continue;
         }
-        // Both cameras see this point, surrounded only by the same surface. Bodies with a cross are excluded because of its borders.
+        // Both cameras see this point, surrounded only by the same surface. Bodies with a cross are excluded because of its
+        // borders.
         let instance = first.0.instance[index(u, v)];
         let is_within = |frame: &world::Frame, at: &Point2<f64>| {
             (-2..=2).all(|d| {
@@ -613,7 +614,7 @@ fn a_textured_image_is_the_same_on_every_machine() {
 
 /// A regression test: an outline that left the image sideways was missed if none of the three lines of a cell crossed it.
 #[test]
-fn what_leaves_an_image_is_cut_at_its_border() {
+fn an_outline_is_cut_at_the_border_of_the_image() {
     let (camera, beside) = (camera(80, 60), 160);
     let mut wide = camera.clone();
     wide.width += 2 * beside;

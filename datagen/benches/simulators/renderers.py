@@ -6,8 +6,8 @@ Answers each line of standard input with a line of JSON:
     images N     writes the first N images as FOLDER/NAME-0.png, ...
 
 The conditions favor the simulators. Scenes and poses are read and prepared beforehand. A scene is built once for both of
-its images. MuJoCo compiles its model once, and only sizes, colors and poses change. There are no physics, no shadows, no
-specular light and no segmentation. Anti-aliasing is their default: 4 samples per pixel in MuJoCo, none in PyBullet.
+its images. MuJoCo compiles its model once, and only sizes, colors and poses change. Physics is not simulated. Shadows,
+specular light and segmentation are off. Anti-aliasing is the default of each: 4 samples per pixel in MuJoCo, none in PyBullet.
 """
 
 import io

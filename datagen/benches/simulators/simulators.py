@@ -2,9 +2,9 @@
 in its own environment.
 
 flowservo generates a dataset. Both simulators then build the scenes of its rows and render them from the same cameras. All
-sides take turns, pinned to the same cores: one, then two (two processes of a simulator, with one core each). The time of a
-simulator starts at the render call. It ends with an array of bytes in "images", with a PNG by Pillow in "PNG" (the faster of
-its fastest and its default level), and with a Parquet file on disk in "dataset". For flowservo, "dataset" is the whole
+sides take turns, pinned to the same cores: one, then two (two processes of a simulator, with one core each). The timing of a
+simulator starts at the render call. It ends with an array of bytes for "images", with a PNG by Pillow for "PNG" (the faster
+of its fastest and its default level), and with a Parquet file on disk for "dataset". For flowservo, "dataset" is the whole
 program, which also draws the scenes, solves the inverse kinematics and checks contacts. The simulators get these for free.
 `renderers.py` lists further conditions that favor them.
 
@@ -36,12 +36,12 @@ FLOWSERVO = "flowservo"
 STAGES = ["images", "PNG", "dataset"]
 GOAL, MINIMUM = 20, 12
 
-# Two images show the same view if this share of their pixels shows the same kind of surface.
+# Two images show the same view if this fraction of their pixels shows the same kind of surface.
 ALIKE = 0.99
 
 
 class Worker:
-    """A process on given cores that answers lines."""
+    """A process on given cores that answers commands, one per line."""
 
     def __init__(self, command, cores, log):
         self.log = log

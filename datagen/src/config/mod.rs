@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_makes_no_sense_is_named() {
+    fn an_invalid_value_is_named() {
         type Change = fn(&mut DatasetConfig);
         let refused = |change: Change| {
             let mut config = fixture::config("c", 1);

@@ -54,7 +54,7 @@ pub struct ObstacleConfig {
     pub height_mm: [f64; 2],
     /// Rotation about the vertical axis.
     pub yaw_deg: [f64; 2],
-    /// Horizontal distance between its center and the hand; for an approach, the hand at its goal.
+    /// Horizontal distance from the hand to the center of an obstacle; for an approach, from the hand at its goal.
     pub distance_mm: [f64; 2],
     /// Minimum gap to the target and between obstacles.
     pub gap_mm: f64,
@@ -77,7 +77,7 @@ impl TargetConfig {
             [-2000.0, 2000.0],
             "[from, to], within 2000 of the robot",
         )?;
-        require_interval("target.yaw_deg", self.yaw_deg, [-180.0, 180.0], "[from, to], within -180 to 180")
+        require_interval("target.yaw_deg", self.yaw_deg, [-180.0, 180.0], "[from, to], between -180 and 180")
     }
 }
 
@@ -97,13 +97,13 @@ impl ObstacleConfig {
             "obstacles.yaw_deg",
             self.yaw_deg,
             [-180.0, 180.0],
-            "[from, to], within -180 to 180",
+            "[from, to], between -180 and 180",
         )?;
         require_interval(
             "obstacles.distance_mm",
             self.distance_mm,
             [0.0, 2000.0],
-            "[from, to], within 0 to 2000",
+            "[from, to], between 0 and 2000",
         )?;
         require("obstacles.gap_mm", (0.0..=1000.0).contains(&self.gap_mm), self.gap_mm, "0 to 1000")
     }
@@ -112,9 +112,9 @@ impl ObstacleConfig {
 fn validate_sides(table: &str, shapes: &[ShapeName], sides: [[f64; 2]; 3]) -> Result<()> {
     require(format!("{table}.shapes"), !shapes.is_empty(), "[]", "at least one shape")?;
     for (name, side) in ["short_side_mm", "long_side_mm", "height_mm"].into_iter().zip(sides) {
-        require_interval(format!("{table}.{name}"), side, [1.0, 1000.0], "[from, to], within 1 to 1000")?;
+        require_interval(format!("{table}.{name}"), side, [1.0, 1000.0], "[from, to], between 1 and 1000")?;
     }
     let [short, long, _] = sides;
-    let expected = "a maximum of at least the maximum of short_side_mm";
+    let expected = "a maximum no smaller than that of short_side_mm";
     require(format!("{table}.long_side_mm"), long[1] >= short[1], format!("{long:?}"), expected)
 }

@@ -26,7 +26,7 @@ pub struct RandomizationConfig {
 pub struct LightSpread {
     /// Half-angle of the cone of directions, drawn uniformly by solid angle.
     pub cone_deg: f64,
-    /// Maximum change of the ambient share in either direction; the result is clamped to 0 to 1.
+    /// Maximum change of the ambient fraction in either direction; the result is clamped to 0 to 1.
     pub ambient: f64,
 }
 
@@ -60,7 +60,7 @@ pub struct TextureConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TextureRange {
-    /// Contrast, as a share of the color of the surface; `[0, 0]` means no texture.
+    /// Contrast, as a fraction of the color of the surface; `[0, 0]` means no texture.
     pub contrast: [f64; 2],
     /// Size of the pattern.
     pub grain_mm: [f64; 2],
@@ -74,7 +74,7 @@ pub struct TextureRange {
 pub struct CameraSpread {
     /// Standard deviation of the blur, in pixels.
     pub blur: [f64; 2],
-    /// Standard deviation of the noise, as a share of full scale.
+    /// Standard deviation of the noise, as a fraction of full scale.
     pub noise: [f64; 2],
     /// Maximum offset of the mount along each axis of the camera.
     pub shift_mm: f64,
@@ -114,22 +114,32 @@ impl RandomizationConfig {
 
 impl TextureRange {
     fn validate(&self, key: &str) -> Result<()> {
-        require_interval(format!("{key}.contrast"), self.contrast, [0.0, 1.0], "[from, to], within 0 to 1")?;
+        require_interval(
+            format!("{key}.contrast"),
+            self.contrast,
+            [0.0, 1.0],
+            "[from, to], between 0 and 1",
+        )?;
         require_interval(
             format!("{key}.grain_mm"),
             self.grain_mm,
             [0.1, 1000.0],
-            "[from, to], within 0.1 to 1000",
+            "[from, to], between 0.1 and 1000",
         )?;
-        require_interval(format!("{key}.stretch"), self.stretch, [1.0, 100.0], "[from, to], within 1 to 100")
+        require_interval(
+            format!("{key}.stretch"),
+            self.stretch,
+            [1.0, 100.0],
+            "[from, to], between 1 and 100",
+        )
     }
 }
 
 impl CameraSpread {
     fn validate(&self) -> Result<()> {
         let key = |name| format!("randomization.camera.{name}");
-        require_interval(key("blur"), self.blur, [0.0, 20.0], "[from, to], within 0 to 20 pixels")?;
-        require_interval(key("noise"), self.noise, [0.0, 0.5], "[from, to], within 0 to 0.5")?;
+        require_interval(key("blur"), self.blur, [0.0, 20.0], "[from, to], between 0 and 20 pixels")?;
+        require_interval(key("noise"), self.noise, [0.0, 0.5], "[from, to], between 0 and 0.5")?;
         require(key("shift_mm"), (0.0..=100.0).contains(&self.shift_mm), self.shift_mm, "0 to 100")?;
         require(key("turn_deg"), (0.0..=30.0).contains(&self.turn_deg), self.turn_deg, "0 to 30")
     }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct RejectionConfig {
     /// Maximum number of draws per example; when they are exhausted, generation fails.
     pub tries: u32,
-    /// Minimum share of each image that shows the target. The center of the target must be in the image as well.
+    /// Minimum fraction of each image that shows the target. The center of the target must be in the image as well.
     pub min_target_area: f64,
     /// Obstructions that the hand must not touch in any of its poses.
     pub clear_of: Vec<Obstruction>,

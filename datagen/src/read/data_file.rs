@@ -31,7 +31,7 @@ pub(super) struct DataFile {
 }
 
 impl DataFile {
-    /// Names a file without opening it.
+    /// Creates a handle for a file without opening it.
     pub(super) fn new(path: PathBuf, rows: Range<u64>) -> Self {
         Self { path, rows, footer: OnceLock::new() }
     }
@@ -97,7 +97,7 @@ impl RowGroup<'_> {
         rows: impl Iterator<Item = Range<u64>>,
         columns: &[&str],
     ) -> Result<ParquetRecordBatchReader> {
-        // Each group opens the file anew: threads that share an open file would move each other's position in it.
+        // Each group opens the file itself: threads that share an open file would move each other's position in it.
         let file = File::open(self.path).map_err(Error::io(self.path))?;
         self.select(file, rows, columns)
     }

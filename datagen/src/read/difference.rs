@@ -33,7 +33,7 @@ pub enum Difference {
     },
     /// Numbers differ.
     Numbers {
-        /// Largest absolute difference, in the unit of the column; NaN if a stored number is NaN.
+        /// Largest absolute difference, in the unit of the column; NaN if a number is NaN.
         greatest: f64,
     },
     /// Any other difference: text, type, list length, or an image that cannot be decoded.
@@ -59,7 +59,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Compares a column of one generated and one stored row. Returns `None` if they are equal to the bit.
+/// Compares a column of one generated and one stored row. Returns `None` if they are bit-identical.
 pub(super) fn difference(made: &dyn Array, stored: &dyn Array) -> Option<Difference> {
     if made == stored {
         return None;

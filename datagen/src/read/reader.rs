@@ -263,7 +263,10 @@ mod tests {
         assert!(rows.iter().rev().eq(&all));
         assert_eq!(reader.rows_at::<ImagesRow>(&[]).unwrap(), []);
         let behind = reader.rows_at::<ImagesRow>(&[3, 266]).unwrap_err().to_string();
-        assert!(behind.contains("rows 266 to 267 asked for, but the dataset has 266"), "{behind}");
+        assert!(
+            behind.contains("requested rows 266 to 267 (exclusive), but the dataset has 266"),
+            "{behind}"
+        );
         assert!(matches!(reader.rows_at::<AvoidanceRow>(&[3]), Err(Error::Kind { .. })));
     }
 

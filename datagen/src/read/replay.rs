@@ -1,4 +1,4 @@
-//! Generates a row again and compares it with the stored one: every column, to the bit.
+//! Generates a row again and compares it with the stored one: every column, bit for bit.
 
 use super::difference::{Difference, difference, png_of};
 use super::reader::DatasetReader;
@@ -23,7 +23,7 @@ pub struct Replay {
 pub struct Comparison {
     /// Name of the column.
     pub column: String,
-    /// Difference, or `None` if the values are equal to the bit.
+    /// Difference, or `None` if the values are bit-identical.
     pub difference: Option<Difference>,
 }
 
@@ -179,7 +179,7 @@ mod tests {
         };
         let expected = Difference::Size { stored: [31, 24], made: [32, 24] };
         assert_eq!(found("avoid", &crop), [("image".to_owned(), expected)]);
-        let destroy = |example: &mut Example| example.images[0] = b"no image".to_vec();
+        let destroy = |example: &mut Example| example.images[0] = b"not an image".to_vec();
         assert_eq!(found("avoid", &destroy), [("image".to_owned(), Difference::Other)]);
     }
 
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_changed_scene_shows_in_all_that_is_derived_from_it() {
+    fn a_changed_scene_shows_in_everything_derived_from_it() {
         let remove = |example: &mut Example| example.placement.scene.obstacles.truncate(0);
         let columns = found("c", &remove);
         assert!(

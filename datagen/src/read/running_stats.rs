@@ -30,7 +30,7 @@ pub(super) struct RunningStats {
 }
 
 impl RunningStats {
-    /// The accumulator without numbers.
+    /// The empty accumulator.
     pub(super) const EMPTY: Self =
         Self { count: 0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
@@ -56,14 +56,14 @@ impl RunningStats {
         (self.min, self.max) = (self.min.min(other.min), self.max.max(other.max));
     }
 
-    /// Returns the statistics of the numbers so far; NaN and infinities without numbers.
+    /// Returns the statistics of the numbers so far; NaN and infinities if there are none.
     pub(super) fn summary(&self) -> SummaryStats {
         let std = (self.squares / self.count as f64).sqrt();
         SummaryStats { min: self.min, mean: self.mean, std, max: self.max }
     }
 }
 
-/// Returns a percentile of ascending numbers, or NaN without numbers.
+/// Returns a percentile of numbers in ascending order, or NaN if there are none.
 ///
 /// Interpolates linearly at rank `(n - 1) percent / 100`, like R's type 7 and numpy's default.
 pub fn percentile(ascending: &[f64], percent: f64) -> f64 {
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_numbers_with_round_statistics() {
+    fn eight_numbers_have_the_expected_statistics() {
         let summary = stats(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).summary();
         assert_eq!((summary.min, summary.max), (2.0, 9.0));
         assert_relative_eq!(summary.mean, 5.0, epsilon = 1e-15);

@@ -110,11 +110,11 @@ pub struct MapStatistics {
     /// Minimum, mean, standard deviation and maximum.
     #[serde(rename = "spread")]
     pub summary: SummaryStats,
-    /// Share of zeros: no obstacle within 90 degrees of the direction.
+    /// Fraction of zeros: no obstacle within 90 degrees of the direction.
     pub free: f64,
-    /// Share of values of at least [`BLOCKED`].
+    /// Fraction of values of at least [`BLOCKED`].
     pub blocked: f64,
-    /// Share of values in each tenth of 0 to 1.
+    /// Fraction of values in each tenth of 0 to 1.
     pub tenths: [f64; 10],
 }
 

@@ -59,7 +59,7 @@ struct MapTally {
 }
 
 impl Tally {
-    /// Creates a tally without rows.
+    /// Creates an empty tally.
     fn new(config: &DatasetConfig) -> Self {
         let hands = match config.kind {
             Kind::Approach => 2,
@@ -103,7 +103,7 @@ impl Tally {
         }
     }
 
-    /// Adds the rows of the part that follows.
+    /// Adds the tally of the rows that follow.
     fn merge(&mut self, other: Self) {
         for (ours, theirs) in self.motions.iter_mut().zip(other.motions) {
             *ours += theirs;
@@ -121,7 +121,7 @@ impl Tally {
         self.maps.merge(&other.maps);
     }
 
-    /// Converts the tally of a whole dataset.
+    /// Converts the tally of a whole dataset to its statistics.
     fn finish(self, config: &DatasetConfig, bytes: ByteCounts) -> DatasetStatistics {
         let motions = config.motions.iter().zip(self.motions);
         let motions = motions.map(|(motion, rows)| MotionCount {

@@ -62,7 +62,7 @@ mod tests {
 
     /// The expected text is what `datasets` 5.2.0 writes for these types.
     #[test]
-    fn features_are_described_as_datasets_describes_them() {
+    fn features_are_those_that_datasets_writes() {
         let text = json(&columns(&fixture::config("avoid", 1)));
         let features: Value = serde_json::from_str(&text).unwrap();
         let features = &features["info"]["features"];

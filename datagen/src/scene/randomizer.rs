@@ -1,7 +1,8 @@
 //! Domain randomization of light, colors, textures and camera. It goes beyond the paper, whose datasets leave it off.
 //!
-//! It has its own random stream and always draws all numbers in the same order. Scenes and motions are therefore the same as
-//! without it, unless a changed mount loses sight of the target. For the same reason, turning on noise does not change a color.
+//! It has its own random stream and always draws all numbers in the same order. Objects and motions are therefore the same as
+//! without it, unless a displaced camera loses sight of the target. For the same reason, turning on noise does not change any
+//! color.
 
 use super::random::{stream, uniform};
 use crate::config::{DatasetConfig, RandomizationConfig, TextureRange};
@@ -131,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn where_it_is_off_everything_is_as_the_world_says() {
+    fn without_randomization_everything_is_as_configured() {
         let config = config("c", 1);
         let generator = ExampleGenerator::new(&config).unwrap();
         for index in 0..5 {
@@ -148,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn looks_change_and_what_happens_does_not() {
+    fn appearance_changes_and_scenes_and_motions_do_not() {
         let (plain, dressed) = (config("c", 1), dressed("c"));
         for index in 0..5 {
             let [a, b] = [&plain, &dressed].map(|config| example(config, index));
@@ -165,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_stays_within_its_range_and_fills_it() {
+    fn draws_stay_within_their_range_and_fill_it() {
         let config = dressed("c");
         let nominal = Light::new(&config.world.light);
         let drawn: Vec<Example> = (0..200).map(|index| example(&config, index)).collect();
@@ -194,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mount_is_off_by_no_more_than_asked_and_decides_what_is_seen() {
+    fn the_error_of_a_mount_is_bounded_and_the_target_stays_in_view() {
         let mut config = config("a", 1);
         (config.randomization.camera.shift_mm, config.randomization.camera.turn_deg) = (5.0, 3.0);
         let generator = ExampleGenerator::new(&config).unwrap();
@@ -217,7 +218,7 @@ mod tests {
 
     /// The images can be reproduced from the row alone.
     #[test]
-    fn a_row_says_all_that_its_images_show() {
+    fn a_row_records_everything_that_its_images_show() {
         let mut config = dressed("c");
         (config.randomization.camera.shift_mm, config.randomization.camera.turn_deg) = (3.0, 1.0);
         config.randomization.camera.noise = [0.0, 0.0];
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_makes_no_picture_is_named() {
+    fn an_invalid_value_is_named() {
         type Change = fn(&mut RandomizationConfig);
         let refused = |change: Change| {
             let mut config = config("a", 1);

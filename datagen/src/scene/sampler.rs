@@ -50,7 +50,7 @@ impl<'a> Sampler<'a> {
     /// Draws a placement, with at most `rejection.tries` attempts.
     ///
     /// The motion and the number of obstacles are drawn once, so that rejection does not change their distributions.
-    /// Everything else is drawn anew in each attempt.
+    /// Everything else is redrawn in each attempt.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Result<Placement, Rejections> {
         let motion = self.motion(rng);
         let [from, to] = self.obstacles.count;
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_is_what_was_asked_for() {
+    fn draws_satisfy_the_configuration() {
         let config = fixture::config("c", 1);
         let environment = Environment::new(&config.world).unwrap();
         for placement in draws(&config, 40) {
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_that_cannot_be_placed_is_an_error_that_says_why() {
+    fn a_scene_that_cannot_be_placed_is_an_error_with_the_reason() {
         let refused = |change: fn(&mut DatasetConfig)| {
             let mut config = fixture::config("c", 1);
             config.rejection.tries = 50;

@@ -22,7 +22,7 @@ pub(super) struct ExistingFiles {
 impl ExistingFiles {
     /// Reads the records in a folder, for the dataset of a configuration.
     pub(super) fn scan(config: &DatasetConfig, dir: &Path) -> Result<Self> {
-        // The records come first, because a process that completes the dataset removes them after it wrote `dataset.json`.
+        // The records come first, because a process that completes the dataset removes them after writing `dataset.json`.
         let records = ShardRecord::all(dir)?.into_iter().map(|record| (record.file.path.clone(), record));
         let records = records.collect();
         let info = match DatasetInfo::read(dir) {

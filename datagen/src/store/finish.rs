@@ -1,4 +1,4 @@
-//! Completes a dataset whose shards are all finished, on whichever machines.
+//! Completes a dataset whose shards are all finished, on one machine or on several.
 
 use super::existing_files::ExistingFiles;
 use super::file_record::FileRecord;

@@ -1,4 +1,4 @@
-//! Generates a dataset, or the shards of it that are missing.
+//! Generates a dataset, or its missing shards.
 
 use super::config_file;
 use super::existing_files::ExistingFiles;
@@ -83,7 +83,7 @@ pub fn generate_part(
     Ok(PartSummary { files: files.len() as u64, rows, rows_made })
 }
 
-/// Writes the missing shards. Returns the files of all shards, and the files that existed before.
+/// Writes the missing shards. Returns the records of existing files, and the files of all shards.
 fn write_missing(
     generator: &ExampleGenerator<'_>,
     shards: &[Shard],
@@ -124,7 +124,7 @@ fn batches(shard: &Shard) -> impl Iterator<Item = Range<u64>> + use<> {
     (start..end).step_by(ROWS_PER_BATCH as usize).map(move |start| start..(start + ROWS_PER_BATCH).min(end))
 }
 
-/// Releases the claim to a folder without finished shards, after its configuration failed to generate a row.
+/// Releases the claim on a folder without finished shards, after its configuration failed to generate a row.
 fn release(dir: &Path) -> Result<()> {
     let path = dir.join(config_file::FILE_NAME);
     if dir.join(info::FILE_NAME).exists() || !ShardRecord::all(dir)?.is_empty() {

@@ -54,7 +54,7 @@ impl DatasetInfo {
         if info.compute_seal()? == info.seal && json::format(&info)? == bytes {
             return Ok(info);
         }
-        Err(Error::damaged(&path, "a manifest as written by flowservo", "one that was changed afterwards"))
+        Err(Error::damaged(&path, "a manifest as written by flowservo", "one that was changed later"))
     }
 
     /// Computes the seal from all other fields.

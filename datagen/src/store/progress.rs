@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::row::Example;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Options of a run. None of them changes a byte of the dataset.
+/// Options of a run. They do not change the dataset.
 #[derive(Debug, Clone, Copy)]
 pub struct Options<'a> {
     /// Set by another thread to stop the run before the next row.

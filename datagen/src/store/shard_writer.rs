@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// Rows per row group: the rows held in memory while writing, and the rows read by one thread.
 pub(crate) const ROWS_PER_GROUP: u64 = 128;
 
-/// Size of a page of images, unless a single image is larger: what a reader has to fetch for one image.
+/// Size of a page of images, unless a single image is larger. A reader fetches a page to read one image.
 const IMAGE_PAGE: usize = 1 << 16;
 
 /// Writes examples as a shard, one row group at a time. Publishes the file, and then its record.

@@ -27,7 +27,7 @@ const BETWEEN: f64 = 6.0;
 const HEADER: f64 = 110.0;
 /// Space for the two lines below the images and the gap to the next cell.
 const CAPTION: f64 = 64.0;
-/// Wider images are scaled down to keep the file small.
+/// Maximum width of an image \[pixels\]. Wider ones are scaled down to keep the file small.
 const MOST_PIXELS: u32 = 480;
 /// Columns and rows of arrows over an image.
 const ARROWS: [u32; 2] = [7, 5];
@@ -160,7 +160,7 @@ fn draw_header(svg: &mut Svg, reader: &DatasetReader) {
     }
 }
 
-/// Draws current and goal image with the flow between them. Returns the text below them at the right.
+/// Draws current and goal image with the flow between them. Returns the right-hand text of the caption.
 fn draw_approach(svg: &mut Svg, area: &Area, example: &Example, row: &ApproachRow) -> Result<String> {
     example.draw_images(svg, area)?;
     let Example { camera, scene, .. } = example;
@@ -177,7 +177,7 @@ fn draw_approach(svg: &mut Svg, area: &Area, example: &Example, row: &ApproachRo
     Ok(format!("{:.0} mm, {:.1}°", to_mm(twist.translation.norm()), to_deg(twist.rotation.norm())))
 }
 
-/// Draws the image beside its avoidance map. Returns the text below them at the right.
+/// Draws the image beside its avoidance map. Returns the right-hand text of the caption.
 fn draw_avoidance(svg: &mut Svg, area: &Area, example: &Example, row: &AvoidanceRow) -> Result<String> {
     example.draw_images(svg, area)?;
     let points = MeasuringPoints::spiral(row.values.len().max(2));
@@ -205,7 +205,7 @@ fn draw_caption(svg: &mut Svg, [x, y]: [f64; 2], example: &Example, below: &str)
     svg.text([x, y], &format!("row {}", example.index), &NAME);
     svg.text([x + CELL, y], below, &TextStyle { anchor: Anchor::End, bold: false, ..NAME });
     let obstacles = match example.scene.obstacles.len() {
-        0 => "no obstacle".to_owned(),
+        0 => "no obstacles".to_owned(),
         1 => "1 obstacle".to_owned(),
         n => format!("{n} obstacles"),
     };

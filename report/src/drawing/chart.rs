@@ -45,7 +45,7 @@ const LEGEND: f64 = 26.0;
 const BELOW: f64 = 48.0;
 const LEFT: f64 = 58.0;
 const RIGHT: f64 = 14.0;
-/// Radius of the disc that marks a series of one point.
+/// Radius of the dot that marks a series of one point.
 const MARK: f64 = 3.5;
 
 impl Chart {
@@ -132,7 +132,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// Covers the values. The axis ends at the extremes if it is tight, otherwise at ticks.
+    /// Creates a linear axis that covers the values. It ends at the extremes if it is tight, otherwise at ticks.
     fn new(values: impl Iterator<Item = f64>, pixels: [f64; 2], tight: bool) -> Self {
         let [low, high] = extremes(values);
         let step = tick_step(high - low);
@@ -153,8 +153,8 @@ impl Axis {
         Self { values, pixels, ticks }
     }
 
-    /// Covers decimal logarithms. Ticks are at 1, 2 and 5 times powers of ten, at powers only for a wide range, and at more
-    /// factors for a narrow one.
+    /// Creates a logarithmic axis that covers the values, given as decimal logarithms. Ticks are at 1, 2 and 5 times powers of
+    /// ten. A wide range has ticks at powers only, and a narrow one at more factors.
     fn of_logarithms(values: impl Iterator<Item = f64>, pixels: [f64; 2]) -> Self {
         let [low, high] = extremes(values);
         let factors: &[f64] = match high - low {

@@ -119,7 +119,7 @@ impl Svg {
         ));
     }
 
-    /// Draws a disc with a thin rim.
+    /// Draws a filled circle with a thin rim.
     pub fn disc(&mut self, [x, y]: [f64; 2], radius: f64, fill: &str, rim: &str) {
         self.push(format_args!(
             "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"{fill}\" stroke=\"{rim}\" stroke-width=\"0.75\"/>"

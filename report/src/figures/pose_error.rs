@@ -37,7 +37,7 @@ pub fn figure_8(record: &SessionRecord) -> Figure {
     let iterations =
         proposed_method().iterations.map_or_else(String::new, |n| format!(" in about {n:.0} iterations"));
     let caption = format!(
-        "Transition of the end-effector pose in the session of Figure 7, as pose minus goal pose in the robot frame. The session \
+        "Pose error of the end effector in the session of Figure 7: pose minus goal pose in the robot frame. The session \
          ended after {} iterations, {:.2} mm and {:.2} degrees from the goal. The paper plots the pose of its example, which \
          became stable{iterations}.",
         record.steps.len(),

@@ -14,7 +14,7 @@ pub fn example(records: &[SessionRecord]) -> Option<&SessionRecord> {
     records
         .iter()
         .filter(|record| record.outcome == Outcome::Converged && !record.scene.obstacles.is_empty())
-        // Takes the first of equals, since max_by_key takes the last.
+        // Selects the first of equals: `max_by_key` returns the last one.
         .rev()
         .max_by_key(|record| deflected_steps(record))
         .or(records.first())
@@ -67,7 +67,7 @@ pub fn figure_7(environment: &Environment, record: &SessionRecord) -> Result<Fig
     Ok(Figure { label: "Figure 7".into(), svg: svg.finish(), caption })
 }
 
-/// Returns the numbers of steps after which all, two thirds, one third and none of the distance to the final position is left.
+/// Returns the numbers of steps after which all, two thirds, one third and none of the distance to the final position remain.
 fn thirds(record: &SessionRecord) -> [usize; 4] {
     let end = record.robot_from_final.translation.vector;
     let whole = (record.robot_from_start.translation.vector - end).norm();

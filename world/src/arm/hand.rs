@@ -68,9 +68,9 @@ impl Hand {
         self.boxes.iter().map(body).collect()
     }
 
-    /// Returns the points from which obstacles are viewed in addition to the center of the hand, in the hand frame: the outer ends
-    /// of the two fingertips and the four corners of the front face of the palm. The paper specifies only "on the edges of the
-    /// hand".
+    /// Returns the points from which obstacles are viewed in addition to the center of the hand, in the hand frame: the outer
+    /// ends of the two fingertips and the four corners of the front face of the palm. The paper specifies only "on the edges of
+    /// the hand".
     pub fn reference_points(&self) -> &[Point3<f64>] {
         &self.reference_points
     }
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn contact_with_an_obstacle_is_no_clearance() {
+    fn clearance_is_zero_in_contact_with_an_obstacle() {
         let under_the_finger = scene(vec![block([0.02; 3], [0.0, -0.056, 0.031])]);
         let contacts = hand().contacts(&above(0.11, 0.0), &under_the_finger);
         assert_eq!(contacts, Contacts { table: false, target: false, obstacle: true });

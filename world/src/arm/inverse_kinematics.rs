@@ -14,9 +14,9 @@ impl Arm {
     /// Finds joint angles within the limits that put the hand at a pose, starting from the named pose `init`. Returns `None` if
     /// the search from there finds none.
     ///
-    /// The result depends on the pose only. A single start is enough for the paper's ranges: in a test with 12,000 poses of Range 1
-    /// around six places above the table, 1,787 of them out of reach, 200 random starts per pose found no solution that the start
-    /// at `init` had missed.
+    /// The result depends on the pose only. A single start is enough for the paper's ranges. In a test with 12,000 poses of
+    /// Range 1 around six places above the table, 1,787 of them out of reach, 200 random starts per pose found no solution that
+    /// the start at `init` had missed.
     pub fn joints_for(&self, robot_from_hand: &Isometry3<f64>) -> Option<JointVector> {
         let remaining = |joints: &JointVector| {
             PoseChange::log(&self.robot_from_hand(joints).inv_mul(robot_from_hand)).to_vector()
@@ -91,7 +91,7 @@ mod tests {
         }
 
         #[test]
-        fn far_away_an_answer_is_right_or_none(pose in range_1_at([0.5, 0.18, 0.0])) {
+        fn far_away_a_solution_is_right_or_absent(pose in range_1_at([0.5, 0.18, 0.0])) {
             if let Some(joints) = arm().joints_for(&pose) {
                 assert_relative_eq!(arm().robot_from_hand(&joints), pose, epsilon = 1e-9);
                 prop_assert!(arm().within_limits(&joints));

@@ -47,7 +47,7 @@ mod tests {
     use approx::assert_relative_eq;
 
     #[test]
-    fn points_of_the_180_are_where_the_formula_puts_them() {
+    fn the_180_points_are_where_the_formula_puts_them() {
         let points = MeasuringPoints::spiral(180);
         let expected = [
             (0, [0.0, 0.0, -1.0]),

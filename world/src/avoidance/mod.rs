@@ -1,5 +1,5 @@
-//! Obstacle avoidance: the directions of motion that are judged, the elements that stand for the obstacles, and the avoidance map
-//! (paper, Sections 4.2 and 6.3). Ground truth of `CNN_avoid`.
+//! Obstacle avoidance: measuring points, obstacle elements, and the avoidance map computed from them (paper, Sections 4.2 and
+//! 6.3). The map is the ground truth of `CNN_avoid`.
 
 mod avoidance_map;
 mod measuring_points;

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_forward_of_the_robot_is_up_in_the_image() {
+    fn forward_of_the_robot_is_up_in_the_image() {
         let camera = vga();
         let hand = crate::pose::HandPose { position: Vector3::new(0.3, 0.1, 0.2), angles: Vector3::zeros() };
         let robot_from_camera = hand.robot_from_hand() * camera.hand_from_camera;

@@ -17,8 +17,8 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// Blurs an image, whose border pixels are replicated, and adds noise, which is independent for each channel of each pixel.
-    /// The noise is a function of the seed and the position.
+    /// Blurs an image, with its border pixels replicated, and adds noise. The noise is a function of the seed and the position,
+    /// independent for each channel of each pixel.
     pub fn expose(&self, image: &mut RgbImage, seed: u64) {
         if image.is_empty() || !(self.blur > 0.0 || self.noise > 0.0) {
             return;
@@ -122,7 +122,7 @@ fn settle(values: &mut [u16], sums: &[u32]) {
     }
 }
 
-/// Noise, as the sum of eight random bytes, which is nearly normally distributed. Its unit is 1/256 of a step between byte values.
+/// Nearly normal noise: the sum of eight random bytes. Its unit is 1/256 of a step between byte values.
 struct Noise {
     key: u64,
     /// Factor of the sum, in units of 1/65536.

@@ -42,7 +42,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn six_numbers_and_transform_are_one_pose(pose in poses()) {
+        fn six_numbers_and_transform_describe_the_same_pose(pose in poses()) {
             let again = HandPose::from_transform(&pose.robot_from_hand());
             assert_relative_eq!(again.position, pose.position, epsilon = 1e-12);
             assert_relative_eq!(again.angles, pose.angles, epsilon = 1e-9);
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_without_angles_looks_down_with_x_forward() {
+    fn a_hand_with_zero_angles_looks_down_with_x_forward() {
         let pose = HandPose { position: Vector3::zeros(), angles: Vector3::zeros() }.robot_from_hand();
         assert_relative_eq!(pose * Vector3::x(), Vector3::x(), epsilon = 1e-15);
         assert_relative_eq!(pose * Vector3::y(), -Vector3::y(), epsilon = 1e-15);

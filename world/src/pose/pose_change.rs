@@ -14,7 +14,7 @@ pub struct PoseChange {
 }
 
 impl PoseChange {
-    /// Returns the change that leaves the pose as it is.
+    /// Returns the change that leaves a pose unchanged.
     pub fn zero() -> Self {
         Self { translation: Vector3::zeros(), rotation: Vector3::zeros() }
     }

@@ -9,8 +9,8 @@
 //! 3. `scan` joins image lines to cells between smooth edges.
 //! 4. `coverage` adds cells to pixels, with colors from `quadric` and `texture_sampler`.
 //!
-//! Images are deterministic to the byte: the renderer uses one thread, a fixed order, and no function beyond the basic operations
-//! and the square root of IEEE 754. There are no shadows. A body that contains the camera is invisible.
+//! Images are byte-identical on every machine: the renderer uses one thread, a fixed order, and no function beyond the basic
+//! operations and the square root of IEEE 754. There are no shadows. A body that contains the camera is invisible.
 
 mod coverage;
 mod quadric;

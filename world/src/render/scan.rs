@@ -22,7 +22,8 @@ const LEAST_HEIGHT: f64 = 1.0 / 256.0;
 /// Maximum height of a cell, and spacing of additional cuts, where surfaces cross \[pixels\].
 const CROSSING_STEP: usize = 8;
 
-/// Content of an image line: patch i is visible from edge i to edge i + 1. The outer edges are the borders of the image \[pixels\].
+/// Content of an image line: patch i is visible from edge i to edge i + 1. The outer edges are the borders of the image
+/// \[pixels\].
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Line {
     pub(crate) v: f64,

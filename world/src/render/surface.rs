@@ -1,7 +1,7 @@
 //! Surfaces in the camera frame.
 //!
-//! A ray through an image point is `(x, y, 1)`, so that its parameter is the depth z. Surfaces report the *nearness* 1/z, which is
-//! linear over the image for a plane, and 0 where there is nothing.
+//! A ray through an image point is `(x, y, 1)`, so that its parameter is the depth z. Surfaces report the *nearness* 1/z, which
+//! is linear over the image for a plane, and 0 where there is nothing.
 
 use crate::color::Color;
 use crate::render::quadric::{Quadric, QuadricOnLine};

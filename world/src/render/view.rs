@@ -215,7 +215,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// Returns directions in the highest and the lowest image line that touches a sphere, or the circle in which the plane through
+/// Returns directions in the highest and the lowest image line that touch a sphere, or the circle in which the plane through
 /// `center` cuts a cylinder. The normal `N = (0, 1, -y)` of such a line's plane satisfies `(N·center)² = radius² N·across N`.
 fn extremes(center: &Vector3<f64>, across: &Matrix3<f64>, radius: f64) -> [Vector3<f64>; 2] {
     let square = radius * radius;

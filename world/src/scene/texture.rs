@@ -11,7 +11,7 @@ pub struct Texture {
     /// Size of the pattern along the axes of the body, above 0 \[m\]: equal along all axes for stone, much longer along one
     /// for wood. The axes of a table are the robot's, with their origin at the table's center.
     pub grain: Vector3<f64>,
-    /// Maximum relative change of brightness: 0 is no texture, 1 ranges from black to twice the brightness.
+    /// Maximum relative change of brightness: 0 means no texture, 1 ranges from black to twice the brightness.
     pub contrast: f64,
     /// Seed of the pattern.
     pub seed: u64,
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn every_seed_is_another_pattern() {
+    fn each_seed_gives_a_different_pattern() {
         let product = |a: u64, b: u64| {
             moments(places().map(|p| (stone(a).factor(&p) - 1.0) * (stone(b).factor(&p) - 1.0))).0
         };
