@@ -132,7 +132,7 @@ fn info_describes_approaches_in_words_and_numbers() {
         "cuboid",
         "obstacles",
         "joint 6",
-        "nearer to a limit",
+        "closer to a limit",
     ] {
         assert!(text.contains(words), "{words:?} in\n{text}");
     }

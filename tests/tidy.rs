@@ -152,7 +152,10 @@ fn one_file_names_a_backend_and_one_names_parry() {
     let backend =
         |line: &str| ["Device::flex", "Device::wgpu", "Device::cuda"].iter().any(|name| line.contains(name));
     let may = |name: &str| ["src/device.rs", "train/src/network/cpu.rs"].contains(&name);
-    none("only src/device.rs selects a backend, except that train names the CPU for its own kernels", &lines(may, backend));
+    none(
+        "only src/device.rs selects a backend, except that train names the CPU for its own kernels",
+        &lines(may, backend),
+    );
     let parry = |line: &str| line.contains("parry3d") || line.contains("glam");
     let may = |name: &str| name.starts_with("world/") && name.ends_with("geometry.rs");
     none("only geometry.rs of world names parry", &lines(may, parry));

@@ -36,7 +36,10 @@ pub(crate) fn alias(arguments: &AliasArgs, json: bool) -> Result<()> {
 pub(crate) fn yank(arguments: &Yank, json: bool) -> Result<()> {
     let reference: ModelRef = arguments.model.parse().map_err(bad_input)?;
     if !matches!(reference.selector, Selector::Version(_) | Selector::Digest(_)) {
-        return Err(bad_input(anyhow!("{reference}: specify the version to yank, such as {}@3", reference.name)));
+        return Err(bad_input(anyhow!(
+            "{reference}: specify which version to yank, such as {}@3",
+            reference.name
+        )));
     }
     if arguments.note.reason.is_none() && !arguments.undo {
         return Err(bad_input(anyhow!("{reference}: give a reason with --reason")));

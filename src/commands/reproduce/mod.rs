@@ -61,7 +61,12 @@ pub(crate) fn run(arguments: &cli::Reproduce, stop: &Stop, json: bool) -> Result
 }
 
 /// Runs the stages in order. Each uses the results of those before it.
-fn run_stages(config: ExperimentConfig, out: &Path, device: &Opened, stop: &Stop) -> Result<ExperimentResults> {
+fn run_stages(
+    config: ExperimentConfig,
+    out: &Path,
+    device: &Opened,
+    stop: &Stop,
+) -> Result<ExperimentResults> {
     let mut stages = Stages::new(&config, out, device, stop);
     let datasets = stages.generate_datasets()?;
     let trained = stages.train_networks(&datasets)?;
