@@ -84,8 +84,8 @@ impl Deflector {
     /// Returns `g_max`, the admitted measuring point closest to the desired direction. A point is admitted if its value is
     /// below the threshold.
     ///
-    /// Unlike in the paper, a detour must not lead lower than the desired direction: obstacles stand on the table, which is
-    /// not in the map.
+    /// In mode `keep`, unlike in the paper, a detour must not lead lower than the desired direction: obstacles stand on the
+    /// table, which is not in the map.
     fn admitted(&self, wanted: &Vector3<f64>, map: &AvoidanceMap) -> Option<UnitVector3<f64>> {
         let lowest = match self.config.mode {
             DeflectionMode::Paper => -1.0,
