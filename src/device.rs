@@ -1,4 +1,4 @@
-//! Devices for tensors. This is the only file that names a backend of Burn.
+//! Devices for tensors. This is the only file that selects a backend of Burn.
 
 use crate::error::bad_input;
 use anyhow::{Result, anyhow};

@@ -27,8 +27,8 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(if usage { 2 } else { 1 })
 }
 
-/// Formats an error with its causes in one line. The text of a cause is left out if it is part of the message already, since
-/// some errors include their cause.
+/// Formats an error with its causes in one line. Omits a cause whose text is already part of the message, since some errors
+/// include their cause.
 pub(crate) fn message(error: &anyhow::Error) -> String {
     let mut message = String::new();
     for cause in error.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {

@@ -24,7 +24,7 @@ pub(crate) use note;
 /// Implements `out!`.
 pub(crate) fn line(text: Arguments<'_>) {
     let mut stdout = std::io::stdout().lock();
-    // Flushes here because an error at the end of the program would go unnoticed.
+    // Flushes here, because an error at the end of the program would go unnoticed.
     if let Err(error) = writeln!(stdout, "{text}").and_then(|()| stdout.flush()) {
         if error.kind() == ErrorKind::BrokenPipe {
             std::process::exit(CLOSED_PIPE);

@@ -27,7 +27,7 @@ struct Plain {
     last: Instant,
 }
 
-/// Least time between plain lines, which come at every tenth of the work.
+/// Minimum time between plain lines, of which one is due after every tenth of the work.
 const PLAIN_PAUSE: Duration = Duration::from_secs(5);
 
 impl Progress {
@@ -71,7 +71,7 @@ impl Progress {
         let Ok(mut plain) = self.plain.lock() else { return };
         if let Some(bar) = &self.bar {
             bar.set_position(done);
-            // The message has a line of its own, where there is room for it.
+            // On a line of its own the message has enough room.
             bar.set_message(if message.is_empty() { String::new() } else { format!("\n  {message}") });
             return;
         }

@@ -134,7 +134,7 @@ fn info_describes_approaches_in_words_and_numbers() {
         "cuboid",
         "obstacles",
         "joint 6",
-        "nearer to a limit",
+        "closer to a limit",
     ] {
         assert!(text.contains(words), "{words:?} in\n{text}");
     }
@@ -284,7 +284,7 @@ fn parts_from_several_machines_complete_to_the_same_dataset() {
     let finished = folder.run("dataset finish data --json").ok().json();
     assert_eq!((finished["rows"].as_u64(), finished["finished_before"].as_bool()), (Some(38), Some(false)));
     assert!(folder.files("data") == folder.files("whole"));
-    assert!(folder.run("dataset finish data").ok().stdout().contains("was finished before"));
+    assert!(folder.run("dataset finish data").ok().stdout().contains("already finished"));
     folder.run("dataset verify data").ok();
     folder.run(&part("5/4", "data")).fails(2, &["--shard", "I/N"]);
     folder.run("dataset finish nowhere").fails(1, &["nowhere", "dataset generate"]);

@@ -100,7 +100,7 @@ fn aliases_move_and_end_and_their_history_stays() {
     let folder = two_versions();
     // Control characters are not printed.
     let set = folder.run("model alias avoid champion 2 --reason wins\u{1b} --by ann --json").ok();
-    assert!(set.stdout().contains("avoid:champion is avoid@2 from now on"), "{}", set.stdout());
+    assert!(set.stdout().contains("avoid:champion now names avoid@2"), "{}", set.stdout());
     assert_eq!(set.json()["changed"], true);
     assert_eq!(folder.run("model alias avoid champion 2 --json").ok().json()["changed"], false);
     folder.run("model alias avoid champion 1 --expect 1").fails(1, &["avoid:champion is version 2"]);
@@ -110,7 +110,7 @@ fn aliases_move_and_end_and_their_history_stays() {
         std::fs::read_to_string(folder.path("pulled/weights.safetensors")).unwrap(),
         safetensors("first")
     );
-    assert!(folder.run("model alias avoid").ok().stdout().contains("avoid:champion is avoid@1"));
+    assert!(folder.run("model alias avoid").ok().stdout().contains("avoid:champion names avoid@1"));
     assert!(folder.run("model list").ok().stdout().contains("versions 1, 2; champion is 1"));
 
     folder.run("model alias avoid champion --remove").ok();
@@ -417,7 +417,7 @@ fn versions_are_copied_to_another_registry() {
     let shown = folder.run("model show avoid@2 --registry lab --json").ok().json();
     assert_eq!(shown["yanked"]["reason"], "leaked");
     let again = folder.run("model copy avoid --all --aliases --to lab --json").ok();
-    assert!(again.stdout().contains("avoid@1: already there as avoid@1"), "{}", again.stdout());
+    assert!(again.stdout().contains("avoid@1: already exists as avoid@1"), "{}", again.stdout());
     assert_eq!(again.json()[1]["copied"]["is_new"], false);
 
     // Numbers have no gaps, so the second version alone is the first one there.

@@ -98,7 +98,7 @@ fn reproduce_is_deterministic_and_reuses_finished_stages() {
     figures_are_in_the_registry(&folder, &results, "avoid@1", 0);
 
     let again = reproduce(&folder, "");
-    assert!(again.stderr().contains("training approach: finished before"), "{}", again.stderr());
+    assert!(again.stderr().contains("training approach: already finished"), "{}", again.stderr());
     assert_eq!(measured(&again.json()), measured(&results));
     figures_are_in_the_registry(&folder, &results, "approach@1", 0);
 
@@ -109,8 +109,8 @@ fn reproduce_is_deterministic_and_reuses_finished_stages() {
     let changed = reproduce(&folder, "--set training.plain.phases.0.learning_rate=5e-4");
     let reported = changed.stderr();
     assert!(
-        reported.contains("training approach: finished before")
-            && !reported.contains("training plain: finished before"),
+        reported.contains("training approach: already finished")
+            && !reported.contains("training plain: already finished"),
         "{reported}"
     );
     figures_are_in_the_registry(&folder, &changed.json(), "plain@2", 1);

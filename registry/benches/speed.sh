@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# How fast 100 MB are published into a folder and pulled, beside what the disk and the digest alone take, in turn:
+# Measures how fast 100 MB are published into a folder and pulled, compared with SHA-256 and the disk alone:
 # registry/benches/speed.sh [--rounds N] [FLOWSERVO]
 #
-# FLOWSERVO is the program, built with --release; by default the one that was built last. Each round measures SHA-256 by openssl, a copy
-# by dd that ends when it is on the disk, `model publish` into a new registry, and `model pull`. Printed are the medians, and
-# which share of the speed of either publishing and pulling reach. Run it on an idle machine; it needs 500 MB of the disk that
-# TMPDIR is on.
+# FLOWSERVO is the program, a release build; by default target/release/flowservo. Each round measures SHA-256 by openssl, a copy
+# by dd including the flush to disk, `model publish` into a new registry, and `model pull`. The script prints the medians, and the
+# speed of publishing and pulling relative to SHA-256 and to the disk. Run it on an idle machine. It needs 500 MB of disk space in
+# TMPDIR.
 set -euo pipefail
 rounds=9
 [ "${1:-}" != --rounds ] || { rounds="$2"; shift 2; }

@@ -7,6 +7,6 @@ use registry::Location;
 #[derive(Debug, Args)]
 pub(crate) struct RegistryArgs {
     /// Model registry: a folder, or `s3://BUCKET/PREFIX` (server and credentials from the usual AWS variables).
-    #[arg(long, value_name = "PLACE", default_value = "models")]
+    #[arg(long, value_name = "LOCATION", default_value = "models")]
     pub(crate) registry: Location,
 }

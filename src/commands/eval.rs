@@ -95,7 +95,7 @@ pub(crate) fn read(out: &Path) -> Result<Vec<SessionRecord>> {
     serde_json::from_slice(&text).with_context(|| path.display().to_string())
 }
 
-/// Writes Table 1 and its companions as text, Markdown, CSV and JSON.
+/// Writes Table 1 and the additional tables as text, Markdown, CSV and JSON.
 pub(crate) fn write_tables(out: &Path, systems: &[System]) -> Result<()> {
     write_file(&out.join("table1.txt"), table_1::to_text(systems))?;
     write_file(&out.join("table1.md"), table_1::to_markdown(systems))?;

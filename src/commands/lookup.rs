@@ -1,4 +1,4 @@
-//! Models that users name: references, checkpoint folders, and what users are told about versions.
+//! Models named on the command line: references, checkpoint folders, and messages about versions.
 
 use crate::error::bad_input;
 use crate::output::note;
@@ -64,12 +64,12 @@ pub(crate) fn warn(version: &ModelVersion) {
     }
 }
 
-/// Describes who recorded a change, when and why, as the end of a sentence.
+/// Formats author, time and reason of a change as the end of a sentence.
 pub(crate) fn describe(note: &Note) -> String {
     let Note { who, reason, when } = note;
     let reason = reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
     let source = [who, when].into_iter().flatten().map(String::as_str).collect::<Vec<_>>().join(", ");
     let text = if source.is_empty() { reason } else { format!("{reason} ({source})") };
-    // Others wrote it: control characters could manipulate the terminal.
+    // The note comes from others, and control characters could manipulate the terminal.
     text.chars().filter(|c| !c.is_control()).collect()
 }

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Compares speed and numbers of flowservo's networks with PyTorch on this machine: train/benches/pytorch.sh --help
-# Requires Python 3.10 or newer and, the first time, the Python package index. Installs everything in target/pytorch.
+# Requires Python 3.10 or newer and, on the first run, the Python package index. It installs into target/pytorch only.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 target="${CARGO_TARGET_DIR:-$here/../../target}"

@@ -22,7 +22,7 @@ use crate::network::trunk::Trunk;
 pub struct TrainConfig {
     /// Kind of the network.
     pub kind: Kind,
-    /// Directories of the datasets. Each phase chooses among their examples.
+    /// Folders of the datasets. Each phase chooses among their examples.
     pub datasets: Vec<PathBuf>,
     /// Seed of the initial weights, the validation split and the order of the examples.
     pub seed: u64,
@@ -58,7 +58,7 @@ pub enum ImageSource {
     Stream,
 }
 
-/// Configuration of the network. The last two keys are required for `kind = "approach"` and refused otherwise.
+/// Configuration of the network. `symmetry` and `label` are required for `kind = "approach"` and rejected otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
@@ -86,7 +86,7 @@ pub struct OptimizerConfig {
     pub batch: usize,
     /// Decoupled weight decay per step, in units of the learning rate.
     pub weight_decay: f64,
-    /// Greatest norm of the gradient over all parameters. Longer gradients are scaled down to it.
+    /// Maximum norm of the gradient over all parameters. Longer gradients are scaled down to it.
     pub gradient_clip: f64,
 }
 
@@ -94,13 +94,13 @@ pub struct OptimizerConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhaseConfig {
-    /// Greatest number of epochs.
+    /// Maximum number of epochs.
     pub epochs: usize,
     /// Peak of the learning rate.
     pub learning_rate: f64,
     /// Fraction of the phase's steps before the peak.
     pub warmup: f64,
-    /// Ratio in which an epoch draws examples from the datasets, in their order; 0 leaves a dataset out. Without it an
+    /// Ratio in which an epoch draws examples from the datasets, in their order; 0 omits a dataset. Without it an
     /// epoch takes every example of every dataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ratio: Option<Vec<u32>>,
@@ -114,7 +114,7 @@ impl TrainConfig {
     /// Validates the configuration and returns its task. Errors name the key.
     pub fn task(&self) -> Result<Task> {
         self.optimizer.validate()?;
-        require("datasets", !self.datasets.is_empty(), &"[]", "at least one directory")?;
+        require("datasets", !self.datasets.is_empty(), &"[]", "at least one folder")?;
         let share = self.validation;
         require("validation", share > 0.0 && share <= 0.5, &share, "a fraction above 0 and at most 0.5")?;
         if let (Some(file), Some(_)) = (&self.pretrained, &self.parent) {
@@ -146,8 +146,8 @@ impl TrainConfig {
 
     /// Returns the first key in which another configuration differs, with the other's value and its own.
     ///
-    /// Keys that affect no result are ignored: the directories of the datasets, which are compared by digest elsewhere, the
-    /// interval of checkpoints and the source of images.
+    /// Keys that affect no result are ignored: the folders of the datasets, which are compared by digest elsewhere, the
+    /// interval between checkpoints, and the source of the images.
     pub(crate) fn difference(&self, other: &Self) -> Option<[String; 3]> {
         let values = |config: &Self| {
             let images = ImageSource::Cache;

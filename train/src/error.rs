@@ -35,7 +35,7 @@ pub enum Error {
     KeyOfKind {
         /// Key below `network`.
         key: &'static str,
-        /// Missing or not supported.
+        /// The problem: missing, or not supported.
         problem: &'static str,
         /// Kind of the network.
         kind: Kind,
@@ -66,7 +66,7 @@ pub enum Error {
     /// An unusable row of a dataset.
     #[error("dataset {}, row {row}: {problem}", path.display())]
     Row {
-        /// Directory of the dataset.
+        /// Folder of the dataset.
         path: PathBuf,
         /// Index of the row in the dataset.
         row: usize,
@@ -99,7 +99,7 @@ pub enum Error {
     TooFewExamples {
         /// Number of examples.
         found: usize,
-        /// Least number of examples.
+        /// Minimum number of examples.
         needed: usize,
     },
     /// A label that is not finite.
@@ -141,25 +141,25 @@ pub enum Error {
         /// The saved state.
         checkpoint: PathBuf,
     },
-    /// A new run in the directory of another one.
-    #[error("{} already holds a run: continue it with --resume, or choose another directory", directory.display())]
+    /// A new run in the folder of another one.
+    #[error("{} already contains a run: continue it with --resume, or choose another folder", directory.display())]
     RunExists {
-        /// Directory of the run.
+        /// Folder of the run.
         directory: PathBuf,
     },
     /// No run to resume.
-    #[error("{} holds no run to resume (no \"last\" in it): start it without --resume", directory.display())]
+    #[error("{} contains no run to resume (no folder `last`): start one without --resume", directory.display())]
     NothingToResume {
-        /// Directory of the run.
+        /// Folder of the run.
         directory: PathBuf,
     },
     /// A run with a different configuration or different data than the one to resume.
     #[error(
-        "{} was trained with {key} = {was}, and now it is {is}: resume with the same configuration and datasets, or \
-         choose another directory", directory.display()
+        "{} was trained with {key} = {was}, but now it is {is}: resume with the same configuration and datasets, or \
+         choose another folder", directory.display()
     )]
     OtherRun {
-        /// Directory of the run.
+        /// Folder of the run.
         directory: PathBuf,
         /// Dotted key that differs.
         key: String,
@@ -178,7 +178,7 @@ pub enum Error {
     },
     /// A parent model with a different task.
     #[error(
-        "{model} has {key} = {was}, and this configuration has {is}: a warm start needs a model with the same network \
+        "{model} has {key} = {was}, but this configuration has {is}: a warm start needs a model with the same network \
          and the same outputs"
     )]
     OtherTask {
@@ -191,10 +191,10 @@ pub enum Error {
         /// Value in the configuration.
         is: String,
     },
-    /// A file or directory that cannot be read or written.
+    /// A file or folder that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file or directory.
+        /// The file or folder.
         path: PathBuf,
         /// The cause.
         source: std::io::Error,
@@ -208,7 +208,7 @@ pub enum Error {
         problem: String,
     },
     /// A changed or damaged file in a checkpoint.
-    #[error("checkpoint file {} is damaged: its SHA-256 is {found}, recorded was {expected}", path.display())]
+    #[error("checkpoint file {} is damaged: its SHA-256 is {found}, but {expected} was recorded", path.display())]
     Digest {
         /// The file.
         path: PathBuf,
@@ -220,7 +220,7 @@ pub enum Error {
     /// A checkpoint of the other kind of network.
     #[error("checkpoint {} is of kind \"{found}\", but \"{expected}\" is needed", path.display())]
     OtherKind {
-        /// Directory of the checkpoint.
+        /// Folder of the checkpoint.
         path: PathBuf,
         /// Kind of the checkpoint.
         found: Kind,
@@ -228,9 +228,9 @@ pub enum Error {
         expected: Kind,
     },
     /// A checkpoint trained for a different camera.
-    #[error("checkpoint {} was trained for a camera with {key} = {trained}, and this one has {found}", path.display())]
+    #[error("checkpoint {} was trained for a camera with {key} = {trained}, but this camera has {found}", path.display())]
     OtherCamera {
-        /// Directory of the checkpoint.
+        /// Folder of the checkpoint.
         path: PathBuf,
         /// Property that differs.
         key: &'static str,

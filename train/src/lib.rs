@@ -1,8 +1,8 @@
 //! Networks, training loop and checkpoints (paper, Section 4).
 //!
-//! In the order in which data passes through: [`data`] turns datasets into batches, a [`network`] maps images to outputs,
-//! the [`optimizer`] turns the loss into a step, [`training`] repeats this as the [`config`] says, [`metrics`] records how it
-//! goes, and a [`checkpoint`] holds the result, which an [`ApproachModel`] or an [`AvoidModel`] uses.
+//! Data passes through the modules in this order: [`data`] turns datasets into batches, a [`network`] maps images to
+//! outputs, and the [`optimizer`] turns the loss into a step. [`training`] repeats this according to the [`config`], and
+//! [`metrics`] records the progress. A [`checkpoint`] stores the result for an [`ApproachModel`] or an [`AvoidModel`].
 //!
 //! **Invariant:** weights are a pure function of configuration and data, bit-identical on the CPU, however often the run
 //! was interrupted.

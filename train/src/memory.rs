@@ -3,8 +3,8 @@
 
 /// Configures the allocator of the process to keep freed memory instead of returning it to the system.
 ///
-/// Every training step allocates and frees the same hundreds of megabytes. The C library of Linux returns large blocks at
-/// once and receives them again as pages that the kernel must clear, which takes a third of the time of a step. Has no effect
+/// Every training step allocates and frees the same hundreds of megabytes. The C library of Linux returns large blocks
+/// immediately and gets them back as pages that the kernel must clear, which takes a third of the time of a step. Has no effect
 /// on other systems.
 pub fn keep_freed() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]

@@ -1,11 +1,11 @@
-//! Ground truth as both policies. An error of a session with oracles is an error of the loop, not of a network.
+//! Ground truth in both roles. An error of a session with oracles is due to the loop, not to a network.
 
 use super::{ApproachFactory, ApproachPolicy, AvoidFactory, AvoidPolicy, View};
 use crate::error::Result;
 use crate::trial::Trial;
 use world::{AvoidanceMap, Environment, LabelForm, PoseChange};
 
-/// Makes oracles of both roles.
+/// Makes oracles for both roles.
 #[derive(Debug, Clone, Copy)]
 pub struct Oracle;
 

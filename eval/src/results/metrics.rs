@@ -64,7 +64,7 @@ fn values(System { accuracy: a, outcomes: c, .. }: &System) -> Vec<(String, f64)
     rounded(values)
 }
 
-/// Returns those metrics that the paper publishes, with their keys.
+/// Returns the metrics that the paper publishes, with their keys.
 fn published_values(paper: &Published) -> Vec<(String, f64)> {
     let mut values = norm_values(paper.position_norm, paper.orientation_norm);
     values.extend(paper.sessions.map(|n| ("sessions".into(), n as f64)));

@@ -73,7 +73,7 @@ fn table_1(systems: &[System]) -> Table {
     }
 }
 
-/// Statistics of the error norms of single sessions.
+/// Statistics of the error norms of individual sessions.
 fn error_norms(systems: &[System]) -> Table {
     let published = |paper: &Published| {
         let row = |name: &str, kind: &str, norm: f64, rms: Option<f64>| {
@@ -105,7 +105,7 @@ fn error_norms(systems: &[System]) -> Table {
         vec![above, row(names, norm, orientation_norm_interval, orientation, DEGREES)]
     };
     Table {
-        title: "Error norms of single sessions (not in the paper)".into(),
+        title: "Error norms of individual sessions (not in the paper)".into(),
         columns: columns(&[
             ("system", ""),
             ("error", ""),

@@ -7,8 +7,8 @@
 //! - If no direction is admitted, the hand rotates but does not translate in this step, and the threshold rises.
 //! - The threshold rises to a configured cap of at most 1. At 1 every direction is admitted, even one whose predicted value
 //!   exceeds 1. The threshold never falls within a session.
-//! - The text says that a deadlock occurs when the value in the direction of the target falls below the threshold. It occurs
-//!   when the value stays above it.
+//! - According to the text, a deadlock occurs when the value in the direction of the target falls below the threshold. In fact
+//!   it occurs when the value stays above the threshold.
 
 use crate::config::{DeflectionConfig, DeflectionMode};
 use crate::error::{Error, Result};
@@ -16,7 +16,7 @@ use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
 use world::{AvoidanceMap, MeasuringPoints, PoseChange};
 
-/// What deflection does to the direction of a translation.
+/// Effect of deflection on the direction of a translation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeflectionKind {
@@ -33,7 +33,7 @@ pub enum DeflectionKind {
 pub struct Deflection {
     /// `v̂_g`, a twist in the hand frame.
     pub motion: PoseChange,
-    /// What happened to the direction.
+    /// Effect on the direction.
     pub kind: DeflectionKind,
     /// The threshold `t_g` that was applied.
     pub threshold: f64,
@@ -84,8 +84,8 @@ impl Deflector {
     /// Returns `g_max`, the admitted measuring point closest to the desired direction. A point is admitted if its value is
     /// below the threshold.
     ///
-    /// Unlike in the paper, a detour must not lead lower than the desired direction: obstacles stand on the table, which is
-    /// not in the map.
+    /// In mode `keep`, unlike in the paper, a detour must not lead lower than the desired direction: obstacles stand on the
+    /// table, which is not in the map.
     fn admitted(&self, wanted: &Vector3<f64>, map: &AvoidanceMap) -> Option<UnitVector3<f64>> {
         let lowest = match self.config.mode {
             DeflectionMode::Paper => -1.0,

@@ -62,7 +62,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// One pass through Figure 2.
+    /// Runs one pass through Figure 2.
     pub fn step(&mut self) -> Result<Step> {
         let Self { environment, trial, servo, target, joints, .. } = *self;
         let Environment { arm, camera, .. } = environment;

@@ -18,7 +18,7 @@ pub struct Step {
     pub desired: PoseChange,
     /// `v̂_g`: the part of it that one step covers, deflected.
     pub deflected: PoseChange,
-    /// What deflection did to the direction.
+    /// Effect of deflection on the direction.
     #[serde(rename = "course")]
     pub deflection: DeflectionKind,
     /// The threshold `t_g`.

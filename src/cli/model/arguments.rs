@@ -8,17 +8,17 @@ use std::time::Duration;
 /// `model alias`
 #[derive(Debug, Args)]
 pub(crate) struct AliasArgs {
-    /// The model's name.
+    /// Model name.
     pub(crate) name: String,
-    /// The alias. Without it, all aliases of the model are listed.
+    /// Alias. Without it, all aliases of the model are listed.
     pub(crate) alias: Option<String>,
-    /// The version to name, a number or a digest. Without it, the history of the alias is shown.
+    /// Version to name: a number or a digest. Without it, the history of the alias is shown.
     #[arg(group = "change")]
     pub(crate) version: Option<String>,
-    /// End the alias: it names no version from now on.
+    /// Remove the alias. Its history is kept.
     #[arg(long, requires = "alias", group = "change")]
     pub(crate) remove: bool,
-    /// Change it only if it names this version now: a number, or `none`.
+    /// Change the alias only if it names this version now: a number, or `none`.
     #[arg(long, value_name = "VERSION", requires = "change")]
     pub(crate) expect: Option<String>,
     /// Reason and author.
@@ -32,7 +32,7 @@ pub(crate) struct AliasArgs {
 /// `model yank`
 #[derive(Debug, Args)]
 pub(crate) struct Yank {
-    /// `NAME@VERSION` or `NAME@sha256:DIGEST`.
+    /// Version: NAME@VERSION or NAME@sha256:DIGEST.
     pub(crate) model: String,
     /// Take the yank back: the version may be used again.
     #[arg(long)]
@@ -59,11 +59,11 @@ pub(crate) struct NoteArgs {
 /// `model copy`
 #[derive(Debug, Args)]
 pub(crate) struct Copy {
-    /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST. With --all, names of models.
+    /// Versions: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST. With --all, model names.
     #[arg(required = true, value_name = "MODEL")]
     pub(crate) models: Vec<String>,
-    /// The registry to copy to. It is created if it does not exist.
-    #[arg(long, value_name = "PLACE")]
+    /// Registry to copy to. It is created if it does not exist.
+    #[arg(long, value_name = "LOCATION")]
     pub(crate) to: Location,
     /// Copy all versions of these models.
     #[arg(long)]
@@ -79,10 +79,10 @@ pub(crate) struct Copy {
 /// `model gc`
 #[derive(Debug, Args)]
 pub(crate) struct Gc {
-    /// Minimum age, as 14d or 12h. No publication may take longer.
+    /// Minimum age, such as 14d or 12h. It must be longer than any publication takes.
     #[arg(long, value_name = "AGE", default_value = "14d", value_parser = age)]
     pub(crate) older_than: Duration,
-    /// Delete what was found. Without this, nothing is changed.
+    /// Delete the listed files. Without this option, nothing is changed.
     #[arg(long)]
     pub(crate) delete: bool,
     /// The registry.

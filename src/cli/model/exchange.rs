@@ -5,13 +5,13 @@ use crate::cli::registry::RegistryArgs;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
-/// The last commands of `model`.
+/// Commands that exchange models with other tools.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Exchange {
     /// Run a model on images and print its output.
-    #[command(after_help = "Example: flowservo model predict approach@1 current.png goal.png --json")]
+    #[command(after_help = "Example:\n  flowservo model predict approach@1 current.png goal.png --json")]
     Predict {
-        /// A checkpoint folder, or NAME, NAME@VERSION, NAME:ALIAS, NAME@sha256:DIGEST.
+        /// Model: a checkpoint folder, or NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
         model: String,
         /// PNG files: current and goal image for `CNN_approach`, the current image for `CNN_avoid`.
         #[arg(required = true, num_args = 1..=2, value_name = "IMAGE")]
@@ -27,16 +27,16 @@ pub(crate) enum Exchange {
                             flowservo model sign approach@1 --key key.pem\n  \
                             flowservo model verify approach@1 --public-key pub.pem\n  \
                             flowservo model pull approach@1 --public-key pub.pem --out pulled\n\n\
-                            The signature covers the files that `model pull` writes. Other tools can verify a signature that \
-                            --out approach-1.sig wrote:\n  \
+                            The signature covers the files that `model pull` writes. Other tools can verify a signature written \
+                            with --out approach-1.sig:\n  \
                             model_signing verify key FOLDER --signature approach-1.sig --public_key pub.pem")]
     Sign {
-        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST, or a model folder.
+        /// Model: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST, or a model folder.
         model: String,
         /// Private key on the curve NIST P-256: a PEM file without a password.
         #[arg(long, value_name = "PEM")]
         key: PathBuf,
-        /// A new file for the signature. For a folder, the default is model.sig.
+        /// New file for the signature. For a model folder, the default is model.sig.
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
         /// The registry.
@@ -57,7 +57,7 @@ pub(crate) enum Exchange {
                             skopeo copy oci:layout:1 docker://HOST/approach:1\n\n\
                             `flowservo model import` reads both.")]
     Export {
-        /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
+        /// Model: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
         model: String,
         /// Format to write.
         #[arg(long, value_enum)]
@@ -73,11 +73,11 @@ pub(crate) enum Exchange {
         registry: RegistryArgs,
     },
     /// Publish an exported model, with every digest verified.
-    #[command(after_help = "Example: flowservo model import layout approach")]
+    #[command(after_help = "Example:\n  flowservo model import layout approach")]
     Import {
         /// An OCI image layout, or a folder for the Hugging Face Hub.
         folder: PathBuf,
-        /// The model's name here.
+        /// Name of the model in this registry.
         name: String,
         /// The registry.
         #[command(flatten)]
@@ -89,12 +89,12 @@ pub(crate) enum Exchange {
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("attachment").required(true).args(["evaluation", "signature"])))]
 pub(crate) struct Attach {
-    /// NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
+    /// Model: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST.
     pub(crate) model: String,
-    /// Folder of servo sessions with this version: the figures of Table 1.
+    /// Folder of an evaluation of this version. Its Table 1 is attached.
     #[arg(long, value_name = "DIR")]
     pub(crate) evaluation: Option<PathBuf>,
-    /// A signature of this version's files: a Sigstore bundle (OpenSSF Model Signing).
+    /// Signature of the files of this version: a Sigstore bundle (OpenSSF Model Signing).
     #[arg(long, value_name = "FILE")]
     pub(crate) signature: Option<PathBuf>,
     /// Reason and author.

@@ -68,7 +68,7 @@ pub(crate) enum Model {
         /// Model: NAME, NAME@VERSION, NAME:ALIAS or NAME@sha256:DIGEST; with --public-key also a model folder (default: all
         /// models).
         model: Option<String>,
-        /// Public key (PEM) to check the signature of the model with.
+        /// Public key (PEM) for checking the signature of the model.
         #[arg(long, value_name = "PEM", requires = "model")]
         public_key: Option<PathBuf>,
         /// Signature file (default: one attached to the version, or model.sig in the folder).
@@ -85,7 +85,7 @@ pub(crate) enum Model {
                             flowservo model alias approach champion 4 --expect 3\n  \
                             flowservo model alias approach champion --remove\n  \
                             flowservo model alias approach\n\n\
-                            Any command that takes a model then accepts approach:champion.")]
+                            Commands that take a model then accept approach:champion.")]
     Alias(AliasArgs),
     /// Withdraw a version: it remains available by number, but no longer counts as the newest.
     #[command(after_help = "Examples:\n  \

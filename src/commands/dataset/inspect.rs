@@ -154,7 +154,7 @@ fn print_hands(statistics: &DatasetStatistics) {
     }
     let margins = statistics.hands.iter().map(|hand| hand.joint_margin(&statistics.joint_limits_rad));
     if let Some((margin, joint)) = margins.min_by(|a, b| a.0.total_cmp(&b.0)) {
-        out!("  no joint comes nearer to a limit than {:.1}° (joint {})", to_deg(margin), joint + 1);
+        out!("  no joint comes closer to a limit than {:.1}° (joint {})", to_deg(margin), joint + 1);
     }
 }
 

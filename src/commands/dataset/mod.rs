@@ -144,7 +144,7 @@ fn generate_part(config: &DatasetConfig, part: Part, out: &Path, stop: &Stop) ->
 /// Completes a dataset that was generated in parts.
 fn finish(dataset: &Path, json: bool) -> Result<()> {
     let Finished { info, was_complete } = datagen::finish(dataset)?;
-    let (folder, done) = (dataset.display(), if was_complete { "was finished before" } else { "finished" });
+    let (folder, done) = (dataset.display(), if was_complete { "already finished" } else { "finished" });
     out!(
         "{folder}: {done}: {} rows in {} files, {} images, digest {}",
         info.rows,

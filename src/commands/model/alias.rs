@@ -1,4 +1,4 @@
-//! `flowservo model alias` and `yank`: changeable marks on versions.
+//! `flowservo model alias` and `yank`: aliases of versions, and withdrawn versions.
 
 use crate::cli::{AliasArgs, NoteArgs, Yank};
 use crate::clock;
@@ -9,7 +9,7 @@ use anyhow::{Result, anyhow};
 use registry::{AliasName, Event, ModelName, ModelRef, Note, Precondition, Registry, Selector};
 use serde_json::json;
 
-/// `model alias`: lists, shows, sets or ends.
+/// `model alias`: lists, shows, sets or removes aliases.
 pub(crate) fn alias(arguments: &AliasArgs, json: bool) -> Result<()> {
     let name: ModelName = arguments.name.parse().map_err(bad_input)?;
     let alias: Option<AliasName> =
@@ -21,7 +21,7 @@ pub(crate) fn alias(arguments: &AliasArgs, json: bool) -> Result<()> {
         (Some(alias), None) if arguments.remove => {
             let event =
                 registry.remove_alias(&name, alias, precondition(arguments)?, &note(&arguments.note))?;
-            out!("{} names no version from now on", event.subject);
+            out!("removed {}", event.subject);
             print_json(json, &json!({ "changed": true, "subject": event.subject, "version": null }))
         }
         (Some(alias), None) => {
@@ -36,10 +36,13 @@ pub(crate) fn alias(arguments: &AliasArgs, json: bool) -> Result<()> {
 pub(crate) fn yank(arguments: &Yank, json: bool) -> Result<()> {
     let reference: ModelRef = arguments.model.parse().map_err(bad_input)?;
     if !matches!(reference.selector, Selector::Version(_) | Selector::Digest(_)) {
-        return Err(bad_input(anyhow!("{reference}: state which version to yank, as {}@3", reference.name)));
+        return Err(bad_input(anyhow!(
+            "{reference}: specify which version to yank, such as {}@3",
+            reference.name
+        )));
     }
     if arguments.note.reason.is_none() && !arguments.undo {
-        return Err(bad_input(anyhow!("{reference}: state why with --reason")));
+        return Err(bad_input(anyhow!("{reference}: give a reason with --reason")));
     }
     let registry = Registry::open(&arguments.registry.registry)?;
     let version = registry.show(&reference)?;
@@ -63,10 +66,10 @@ pub(crate) fn yank(arguments: &Yank, json: bool) -> Result<()> {
 fn list(registry: &Registry, name: &ModelName, json: bool) -> Result<()> {
     let aliases = registry.aliases(name)?;
     for (alias, version) in &aliases {
-        out!("{name}:{alias} is {name}@{version}");
+        out!("{name}:{alias} names {name}@{version}");
     }
     if aliases.is_empty() {
-        out!("{name} has no alias");
+        out!("{name} has no aliases");
     }
     print_json(json, &aliases)
 }
@@ -83,8 +86,8 @@ fn set(
     warn(&version);
     let event = registry.set_alias(alias, &version, precondition(arguments)?, &note(&arguments.note))?;
     match &event {
-        Some(_) => out!("{name}:{alias} is {version} from now on"),
-        None => out!("{name}:{alias} is already {version}"),
+        Some(_) => out!("{name}:{alias} now names {version}"),
+        None => out!("{name}:{alias} already names {version}"),
     }
     let (changed, subject) = (event.is_some(), format!("{name}:{alias}"));
     print_json(json, &json!({ "changed": changed, "subject": subject, "version": version.version }))
@@ -103,7 +106,7 @@ fn precondition(arguments: &AliasArgs) -> Result<Precondition> {
         Some(text) => text
             .parse()
             .map(Precondition::Version)
-            .map_err(|_| bad_input(anyhow!("--expect {text}: expected a version number, or none"))),
+            .map_err(|_| bad_input(anyhow!("--expect {text}: expected a version number or none"))),
     }
 }
 

@@ -40,7 +40,7 @@ fn all_versions(registry: &Registry, name: &str) -> Result<Vec<ModelVersion>> {
     let name: ModelName = name.parse().map_err(bad_input)?;
     let exact = |number| ModelRef { name: name.clone(), selector: Selector::Version(number) };
     let Some(model) = registry.list()?.into_iter().find(|model| model.name == name) else {
-        // Fails, and lists the models that there are.
+        // Fails with an error that lists the existing models.
         return Ok(vec![registry.show(&exact(1))?]);
     };
     model.versions.into_iter().map(|number| Ok(registry.show(&exact(number))?)).collect()
@@ -51,7 +51,7 @@ fn report(version: &ModelVersion, Copied { version: copied, is_new, attachments,
     match (is_new, copied.version == version.version) {
         (true, true) => out!("{version}: copied"),
         (true, false) => out!("{version}: copied as {copied}, because numbers are given in order"),
-        (false, _) => out!("{version}: already there as {copied}"),
+        (false, _) => out!("{version}: already exists as {copied}"),
     }
     if *attachments > 0 {
         out!("{copied}: {attachments} attachments added");
@@ -73,7 +73,7 @@ fn set_aliases(
         if number == version.version {
             let note = note(&NoteArgs::default());
             if to.set_alias(&alias, &copied.version, Precondition::Any, &note)?.is_some() {
-                out!("{}:{alias} is {} from now on", version.name, copied.version);
+                out!("{}:{alias} now names {}", version.name, copied.version);
             }
             set.push(alias.to_string());
         }

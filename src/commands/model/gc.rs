@@ -31,7 +31,7 @@ pub(crate) fn run(arguments: &Gc, json: bool) -> Result<()> {
         deleted = registry.delete_garbage(found.clone(), now, grace)?;
         out!("deleted {} of them, {} bytes", deleted.len(), bytes(&deleted));
     } else if !found.is_empty() {
-        out!("nothing was deleted; use --delete to delete them");
+        out!("nothing was deleted; add --delete to delete them");
     }
     let deleted_bytes = bytes(&deleted);
     print_json(json, &Collected { found, found_bytes, deleted, deleted_bytes })

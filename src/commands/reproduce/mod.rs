@@ -11,8 +11,8 @@
 //! runs/quick/report.html               everything on one page
 //! ```
 //!
-//! The digits in the folder name of a stage are a digest of everything that determines its content. A finished stage is therefore
-//! reused until something before it changes.
+//! The digits in the folder name of a stage are a digest of all its inputs. A finished stage is therefore reused until one of its
+//! inputs changes.
 
 mod config;
 mod report;

@@ -68,7 +68,7 @@ impl<'a> Stages<'a> {
     /// Adds a finished stage. `seconds` is `None` if its result was reused.
     fn done(&mut self, name: String, seconds: Option<f64>, result: String) {
         if seconds.is_none() {
-            note!("{name}: finished before; {result}");
+            note!("{name}: already finished; {result}");
         }
         self.finished.push(Stage { name, seconds, result });
     }
@@ -137,8 +137,8 @@ impl<'a> Stages<'a> {
         Ok(PublishedNetworks { registry, versions })
     }
 
-    /// Runs the servo sessions of all systems. The figures of a system are attached to its networks; a network of several
-    /// systems has those of the first.
+    /// Runs the servo sessions of all systems. The figures of a system are attached to its networks. A network that several
+    /// systems use gets those of the first.
     pub(crate) fn run_sessions(
         &mut self,
         published: &PublishedNetworks,

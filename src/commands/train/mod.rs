@@ -35,7 +35,7 @@ pub(crate) struct Trained {
     pub(crate) seconds: f64,
     /// Examples used since the run was started or resumed, counted once per epoch.
     pub(crate) samples: usize,
-    /// Examples per second, without reading the data.
+    /// Examples per second, not counting the time to read the data.
     pub(crate) samples_per_s: f64,
     /// Peak memory of the process.
     pub(crate) peak_rss_mb: Option<f64>,
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &cli::Train, stop: &Stop, json: bool) -> Result<()>
 
 /// A network to train.
 pub(crate) struct Job<'a> {
-    /// Name of the work for people.
+    /// Display name of the run.
     pub(crate) name: &'a str,
     /// Configuration.
     pub(crate) config: &'a TrainConfig,
@@ -229,7 +229,7 @@ impl Display<'_> {
                 progress.say(&format!("{name}: starts from {parent}"));
                 if let Some((key, was, is)) = other_camera {
                     progress.say(&format!(
-                        "{name}: {parent} was trained with {key} = {was}, and these images have {is}"
+                        "{name}: {parent} was trained with {key} = {was}, but these images have {is}"
                     ));
                 }
             }

@@ -7,7 +7,7 @@ use std::path::Path;
 use train::checkpoint::Version;
 use train::{ModelInfo, Task, TrainConfig, WarmStart};
 
-/// Finds and verifies the model that a configuration names. Replaces the name by that of the exact version.
+/// Finds and verifies the model that a configuration names. Replaces the name with that of the exact version.
 pub(crate) fn find(config: &mut TrainConfig, task: &Task, registry: &Location) -> Result<Option<WarmStart>> {
     let Some(parent) = &mut config.parent else { return Ok(None) };
     let (folder, found) = lookup::find(parent, registry)?;
@@ -20,7 +20,7 @@ pub(crate) fn find(config: &mut TrainConfig, task: &Task, registry: &Location) -
     Ok(Some(WarmStart::open(&folder, version, task)?))
 }
 
-/// Replaces the name of the parent in a configuration by the exact version that the run in a folder started from, if the name
+/// Replaces the name of the parent in a configuration with the exact version that the run in a folder started from, if the name
 /// may refer to it. A resumed run does not need its parent, nor the aliases as they were.
 pub(crate) fn recall(config: &mut TrainConfig, run: &Path) {
     if let Some(parent) = &mut config.parent

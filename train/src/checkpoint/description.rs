@@ -75,7 +75,7 @@ pub enum Output {
     AvoidanceMap {
         /// Number of directions.
         directions: usize,
-        /// Least and greatest value.
+        /// Smallest and largest value.
         clamp: [f64; 2],
     },
 }

@@ -44,7 +44,7 @@ pub(crate) fn read_config(directory: &Path) -> Result<TrainConfig> {
     toml::from_str(&text).map_err(|error| invalid(&path, &error))
 }
 
-/// Writes a training configuration to a directory.
+/// Writes a training configuration to a folder.
 pub(crate) fn write_config(directory: &Path, config: &TrainConfig) -> Result<()> {
     let path = directory.join(CONFIG);
     let text = toml::to_string(config).map_err(|error| cannot_write(&path, &error))?;

@@ -13,7 +13,7 @@ use crate::network::Network;
 /// A network that was read from a checkpoint.
 #[derive(Debug)]
 pub struct Checkpoint {
-    /// Directory of the checkpoint.
+    /// Folder of the checkpoint.
     pub directory: PathBuf,
     /// Contents of `model.json`.
     pub info: ModelInfo,

@@ -1,4 +1,4 @@
-//! Checkpoints: everything needed to use a network, in one directory that is published by rename.
+//! Checkpoints: everything needed to use a network, in one folder that is published by rename.
 //!
 //! ```text
 //! model.json            architecture, meaning of the output, camera, data, metrics, digest of the weights

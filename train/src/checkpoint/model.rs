@@ -220,7 +220,7 @@ mod tests {
         model.require_camera(&vga).unwrap();
         let wide = CameraConfig { horizontal_fov_deg: 75.0, ..camera };
         let error = model.require_camera(&wide).unwrap_err().to_string();
-        assert!(error.contains("horizontal_fov_deg = 60, and this one has 75"), "{error}");
+        assert!(error.contains("horizontal_fov_deg = 60, but this camera has 75"), "{error}");
     }
 
     /// Values that would exhaust the memory, divide by zero or leave an axis without a scale.

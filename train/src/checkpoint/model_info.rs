@@ -1,4 +1,4 @@
-//! `model.json`: what the weights of a checkpoint are, and how to use them.
+//! `model.json`: the meaning of the weights of a checkpoint, and their origin.
 
 use std::path::Path;
 
@@ -62,7 +62,7 @@ impl ModelInfo {
         let path = directory.join(MODEL);
         let Format { format } = read_json(&path)?;
         if format != FORMAT {
-            let problem = format!("it has format {format}, and this program reads format {FORMAT}");
+            let problem = format!("it has format {format}, but this program reads format {FORMAT}");
             return Err(invalid(&path, &problem));
         }
         let info: Self = read_json(&path)?;
@@ -72,7 +72,7 @@ impl ModelInfo {
         }
     }
 
-    /// Returns why no network can be built. Checkpoints may come from anyone.
+    /// Returns the reason why the network cannot be built, if there is one. Checkpoints may come from untrusted sources.
     fn problem(&self) -> Option<String> {
         if let Err(error) = self.task.validate() {
             return Some(Error::from(error).to_string());

@@ -51,7 +51,7 @@ pub struct OtherShape {
     pub theirs: Vec<usize>,
 }
 
-/// Replaces parameters of a network's trunk by those of a file. Fails if none match.
+/// Replaces parameters of a network's trunk with those in a file. Fails if none match.
 pub(crate) fn import(path: &Path, network: &mut Network, device: &Device) -> Result<Imported> {
     let bad = |problem: String| Error::Pretrained { path: path.to_owned(), problem };
     if !path.is_file() {
@@ -137,7 +137,7 @@ fn ours_of(
 fn no_match(imported: &Imported) -> String {
     if let Some(OtherShape { parameter, ours, theirs }) = imported.other_shape.first() {
         return format!(
-            "no parameter has the shape of the network's: {parameter} is {theirs:?} in the file and {ours:?} here; \
+            "no parameter has the same shape as in the network: {parameter} is {theirs:?} in the file and {ours:?} here; \
              the published networks have network.width = 1.0"
         );
     }

@@ -1,4 +1,4 @@
-//! Atomic publication of directories.
+//! Atomic publication of folders.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -8,9 +8,9 @@ use datagen::publish::sync_folder;
 
 use crate::error::{Result, at};
 
-/// Fills a temporary directory beside `target` and renames it to `target`, which it replaces.
+/// Fills a temporary folder beside `target` and replaces `target` with it.
 ///
-/// A crash, even of the machine, leaves either the previous directory or the new one. Between the two renames the previous
+/// A crash, even of the machine, leaves either the previous folder or the new one. Between the two renames the previous
 /// one has another name, under which [`recover`] finds it.
 pub(crate) fn replace(target: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     recover(target)?;
@@ -22,7 +22,7 @@ pub(crate) fn replace(target: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> 
         let path = entry.map_err(at(&partial))?.path();
         File::open(&path).and_then(|file| file.sync_all()).map_err(at(&path))?;
     }
-    // The files are on disk before the directory is renamed, and the rename is on disk before the previous one is removed.
+    // The files are on disk before the folder is renamed, and the rename is on disk before the previous one is removed.
     sync_folder(&partial)?;
     remove(&previous)?;
     if target.exists() {
@@ -33,7 +33,7 @@ pub(crate) fn replace(target: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> 
     remove(&previous)
 }
 
-/// Restores the previous directory after a crash in [`replace`].
+/// Restores the previous folder after a crash in [`replace`].
 pub(crate) fn recover(target: &Path) -> Result<()> {
     let previous = beside(target, "previous");
     if !target.exists() && previous.exists() {

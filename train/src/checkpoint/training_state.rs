@@ -1,4 +1,4 @@
-//! The training state: what a checkpoint holds beside weights and moments so that a resumed run continues exactly.
+//! The training state: everything besides weights and moments that a run needs to resume exactly.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ pub(crate) struct TrainingState {
     pub(crate) batch: usize,
     /// Sum of the losses of the current epoch.
     pub(crate) loss_sum: f64,
-    /// Greatest gradient norm of the current epoch.
+    /// Largest gradient norm of the current epoch.
     pub(crate) gradient_norm: f64,
     /// Training loss of the run.
     pub(crate) losses: LossCurve,

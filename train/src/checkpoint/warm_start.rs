@@ -1,4 +1,4 @@
-//! Warm start: a run that starts as exactly the function of a trained model, its parent.
+//! Warm start: a run that starts from a trained model, its parent, and computes exactly the same function at first.
 //!
 //! The weights alone do not determine that function, since the parent's labels determined the standardization of the
 //! output. The run therefore keeps the parent's standardization. The optimizer starts fresh.
@@ -193,7 +193,7 @@ mod tests {
             let other = TrainConfig { parent, ..config.clone() };
             let other = Run { config: &other, ..resumed };
             let error = fit(&other, &examples, &mut |_| ()).unwrap_err().to_string();
-            assert!(error.contains(&format!("parent = \"approach@3\", and now it is {is}")), "{error}");
+            assert!(error.contains(&format!("parent = \"approach@3\", but now it is {is}")), "{error}");
         }
     }
 

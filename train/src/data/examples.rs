@@ -67,7 +67,7 @@ pub(crate) enum Labels {
 
 impl Examples {
     /// Reads the labels of datasets and opens their images. Images to be cached are decoded now, in parallel, unless they
-    /// already are. `progress` receives the number of finished examples and the number of all examples.
+    /// are cached already. `progress` receives the number of finished examples and the number of all examples.
     pub fn load(
         task: &Task,
         source: ImageSource,

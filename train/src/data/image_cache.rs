@@ -45,8 +45,8 @@ impl ImageCache {
     /// Opens the cache of a dataset. If there is none, decodes the images first and reports the number of decoded examples
     /// to `progress`.
     ///
-    /// The file is stored in the dataset's folder, or in a temporary folder of the user if that is not writable. Of
-    /// several processes one decodes, and the others wait for it.
+    /// The file is stored in the dataset's folder, or in a temporary folder of the user if that is not writable. If
+    /// several processes need the same file, one decodes and the others wait for it.
     pub(crate) fn open(images: &ImageStream, progress: &dyn Fn(usize)) -> Result<Self> {
         let file = CacheFile { images };
         let beside = images.reader().dir().join(FOLDER);
@@ -194,7 +194,7 @@ pub(crate) mod tests {
         (0..4).map(|example| cache.pixels(example)).collect()
     }
 
-    /// Lists the files in the folder except those that belong there beside the images.
+    /// Lists the files in the folder, except those that always accompany the images.
     fn files(dataset: &TempDir) -> Vec<String> {
         let entries = fs::read_dir(dataset.path().join(FOLDER)).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());

@@ -97,7 +97,7 @@ mod tests {
     fn partial_epochs_do_not_repeat_and_cover_everything() {
         let split = Split::new(3, 0.1, &[0..60, 60..100]);
         let mut times = [0; 100];
-        // 27 epochs of 20 are ten times the 54 training examples. The other dataset is left out.
+        // 27 epochs of 20 are ten times the 54 training examples. The other dataset is omitted.
         for epoch in 0..27 {
             let order = split.order(3, epoch, &[20, 0]);
             let distinct: std::collections::BTreeSet<_> = order.iter().collect();

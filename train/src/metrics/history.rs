@@ -23,7 +23,7 @@ pub struct EpochRecord {
     pub learning_rate: f64,
     /// Mean loss of the epoch's batches, each computed before its step.
     pub training_loss: f64,
-    /// Greatest gradient norm in the epoch, before clipping.
+    /// Largest gradient norm in the epoch, before clipping.
     pub gradient_norm: f64,
     /// Metrics on the validation set after the epoch.
     #[serde(flatten)]

@@ -10,7 +10,7 @@ use super::history::{self, Cost, EpochRecord, Line};
 use super::tensorboard::EventFile;
 use crate::error::Result;
 
-/// Steps between two events of single steps.
+/// Steps between two recorded steps.
 const STEPS: usize = 10;
 
 /// Measurements of the machine rather than the network.

@@ -1,4 +1,4 @@
-//! What a run measures and records: validation metrics, the loss curve, `metrics.jsonl` and TensorBoard's event files.
+//! Measurements and records of a run: validation metrics, the loss curve, `metrics.jsonl` and TensorBoard's event files.
 
 pub mod history;
 pub(crate) mod journal;

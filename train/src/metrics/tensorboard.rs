@@ -74,7 +74,7 @@ impl EventFile {
         self.write(&event)
     }
 
-    /// Writes a record in one system call, so that records survive a killed process and at most the last one is torn.
+    /// Writes a record in one system call, so that records survive a killed process and at most the last one is truncated.
     fn write(&mut self, event: &[u8]) -> Result<()> {
         self.file.write_all(&framed(event)).map_err(at(&self.path))
     }

@@ -18,11 +18,11 @@ pub struct Architecture {
     pub trunk: Trunk,
     /// Convolutions that see each image separately.
     pub each_image: Vec<Convolution>,
-    /// How two images, or their feature maps, become one feature map.
+    /// Combination of two images, or of their feature maps, into one feature map.
     pub combine: Combine,
-    /// Convolutions after that.
+    /// Convolutions after the combination.
     pub combined: Vec<Convolution>,
-    /// How the last feature map becomes a vector.
+    /// Conversion of the last feature map to a vector.
     pub flatten: Flatten,
     /// Fully connected layers, `y = x W + b`.
     pub head: Vec<FullyConnected>,
@@ -61,7 +61,7 @@ pub struct FullyConnected {
     pub outputs: usize,
 }
 
-/// How the first and the second feature map become one.
+/// Combination of the first and the second feature map into one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Combine {
@@ -77,14 +77,14 @@ pub enum Combine {
     Correlation {
         /// Convolution of the first map.
         redirect: Convolution,
-        /// Greatest displacement in pixels.
+        /// Largest displacement in pixels.
         reach: usize,
         /// Step between displacements in pixels.
         stride: usize,
     },
 }
 
-/// How a feature map becomes a vector.
+/// Conversion of a feature map to a vector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Flatten {

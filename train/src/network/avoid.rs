@@ -1,4 +1,4 @@
-//! `CNN_avoid` (Section 4.2): how much each direction leads toward an obstacle, seen in one image.
+//! `CNN_avoid` (Section 4.2): the risk that each direction leads into an obstacle, from one image.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ pub const DIRECTIONS: usize = 180;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AvoidConfig {
-    /// Trunk, which sees the image. All are the encoder of FlowNetS; the DEFINet-style ones add global average pooling.
+    /// Trunk, which sees the image. All trunks are the encoder of FlowNetS; the DEFINet-style ones add global average pooling.
     /// FlowNetC is refused, since a single image leaves nothing to correlate.
     pub trunk: Trunk,
     /// Factor for the channels of every convolution; 1 is the published FlowNetS.

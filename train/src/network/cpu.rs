@@ -1,9 +1,9 @@
-//! Burn's CPU backend, for which the convolution and the correlation have operations of our own.
+//! Burn's CPU backend, for which the convolution and the correlation are custom operations.
 
 use burn::tensor::{Device, TensorData};
 use burn_flex::FlexTensor;
 
-/// Returns whether a device has operations of our own.
+/// Returns whether a device uses the custom operations.
 pub(crate) fn on_cpu(device: &Device) -> bool {
     *device == Device::flex()
 }

@@ -1,4 +1,4 @@
-//! What a network learns: pose changes or avoidance maps.
+//! Learning tasks: pose changes and avoidance maps.
 
 use datagen::Kind;
 use serde::{Deserialize, Serialize};

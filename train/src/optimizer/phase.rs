@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// A phase of a run, planned for its datasets.
 #[derive(Debug)]
 pub(crate) struct Phase {
-    /// Greatest number of epochs.
+    /// Maximum number of epochs.
     pub(crate) epochs: usize,
     /// Epochs without improvement after which the phase stops.
     pub(crate) patience: Option<usize>,

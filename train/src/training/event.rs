@@ -9,7 +9,7 @@ use crate::metrics::history::EpochRecord;
 pub enum Event<'a> {
     /// Published weights were imported.
     Imported(&'a Imported),
-    /// The network starts as a trained model.
+    /// The run starts from a trained model.
     WarmStart {
         /// The model.
         parent: &'a WarmStart,

@@ -109,7 +109,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Runs a configuration in a directory. Stops before step `stop_at`, counted from the start of this call.
+    /// Runs a configuration in a folder. Stops before step `stop_at`, counted from the start of this call.
     fn run(
         config: &TrainConfig,
         directory: &Path,
@@ -315,11 +315,11 @@ pub(crate) mod tests {
             "{digest}"
         );
         let camera = resumed(&config, &squares(&task, 32).seen_at(75.0), "CPU").unwrap_err();
-        assert!(camera.contains("camera.horizontal_fov_deg = 60, and now it is 75"), "{camera}");
+        assert!(camera.contains("camera.horizontal_fov_deg = 60, but now it is 75"), "{camera}");
         let mut other = config.clone();
         other.network.label = Some(world::LabelForm::Difference);
         let label = resumed(&other, &squares(&task, 32), "CPU").unwrap_err();
-        assert!(label.contains("network.label = \"twist\", and now it is \"difference\""), "{label}");
+        assert!(label.contains("network.label = \"twist\", but now it is \"difference\""), "{label}");
         // A different device is accepted and reported.
         assert_eq!(resumed(&config, &squares(&task, 32), "CPU"), Ok(None));
         assert_eq!(resumed(&config, &squares(&task, 32), "GPU"), Ok(Some("CPU".to_owned())));

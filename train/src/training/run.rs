@@ -1,9 +1,9 @@
-//! A training run and its directory.
+//! A training run and its folder.
 //!
 //! ```text
 //! config.toml     the configuration
 //! metrics.jsonl   one line per epoch
-//! tensorboard/    the same and single steps, as TensorBoard's event files
+//! tensorboard/    the same and individual steps, as TensorBoard's event files
 //! last/           checkpoint with the training state, from which to resume
 //! best/           checkpoint of the epoch with the lowest validation loss
 //! ```
@@ -23,11 +23,11 @@ use crate::metrics::journal::Telemetry;
 pub struct Run<'a> {
     /// Configuration.
     pub config: &'a TrainConfig,
-    /// Directory of the results.
+    /// Folder of the results.
     pub directory: &'a Path,
     /// Device to compute on.
     pub device: &'a Device,
-    /// Name of the device for people.
+    /// Display name of the device.
     pub device_name: &'a str,
     /// Program version to record in checkpoints, if any.
     pub program: Option<&'a Program>,
@@ -48,12 +48,12 @@ impl Run<'_> {
         self.device.clone().autodiff()
     }
 
-    /// Returns the directory of the checkpoint to resume from.
+    /// Returns the folder of the checkpoint to resume from.
     pub(crate) fn last(&self) -> PathBuf {
         last(self.directory)
     }
 
-    /// Returns the directory of the checkpoint with the lowest validation loss.
+    /// Returns the folder of the checkpoint with the lowest validation loss.
     pub(crate) fn best(&self) -> PathBuf {
         self.directory.join("best")
     }
@@ -64,7 +64,7 @@ impl Run<'_> {
     }
 }
 
-/// Returns whether a directory holds a run that can be resumed.
+/// Returns whether a folder holds a run that can be resumed.
 pub fn can_resume(directory: &Path) -> bool {
     publish::recover(&last(directory)).is_ok() && last(directory).exists()
 }

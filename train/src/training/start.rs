@@ -1,4 +1,4 @@
-//! The start of a run: random weights, published weights, a parent model, or the checkpoint to resume from.
+//! The starting point of a run: random weights, published weights, a parent model, or the checkpoint to resume from.
 
 use super::event::Event;
 use super::learner::Learner;
@@ -17,7 +17,7 @@ use crate::network::Network;
 use crate::network::task::Task;
 use crate::optimizer::adamw::AdamW;
 
-/// The start of a run.
+/// The starting point of a run.
 pub(crate) struct Start {
     pub(crate) learner: Learner,
     /// Standardization that belongs to the weights. Without it, it is computed from the labels.

@@ -1,7 +1,7 @@
 //! Convolution, bias and leaky rectifier as a single differentiable operation.
 //!
-//! On the CPU this is an operation of our own. It trains several times faster than the convolution of Burn's CPU backend,
-//! which has no specialized backward pass. On GPUs it is composed of Burn's operations, whose kernels are good there.
+//! On the CPU this is a custom operation. It trains several times faster than the convolution of Burn's CPU backend,
+//! which has no specialized backward pass. On GPUs it is composed of Burn's operations, whose kernels are fast there.
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;

@@ -24,7 +24,7 @@ use super::tiled_pass::{Panels, Pass, Scratch, Tile};
 const BLOCK_ROWS: usize = 96;
 /// Parallel tasks of a sum over the batch.
 const TASKS: usize = 16;
-/// Weights up to this number have their gradient summed over parts of the batch.
+/// Maximum number of weights whose gradient is summed over parts of the batch.
 const FEW_WEIGHTS: usize = 128 * 1024;
 
 /// Sizes of a convolution with "same" padding, `kernel / 2`.
@@ -125,7 +125,7 @@ pub(super) fn forward(g: &Geometry, input: &[f32], weight: &[f32], bias: &[f32],
     output
 }
 
-/// Replaces the gradient of the rectifier's output by that of its input, in place. Returns the gradient of the bias.
+/// Replaces the gradient of the rectifier's output with that of its input, in place. Returns the gradient of the bias.
 ///
 /// A slope between 0 and 1 preserves signs, so the output shows the sign of the input. Written without branches, so that the
 /// loops vectorize.

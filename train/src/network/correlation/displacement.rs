@@ -2,7 +2,7 @@
 
 /// Step between displacements in pixels.
 pub(crate) const STRIDE: usize = 2;
-/// Greatest displacement along an axis in steps.
+/// Largest displacement along an axis in steps.
 pub(crate) const REACH: usize = 10;
 /// Displacements along an axis.
 pub(crate) const SIDE: usize = 2 * REACH + 1;

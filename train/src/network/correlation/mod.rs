@@ -1,7 +1,7 @@
 //! The correlation layer of FlowNetC (Dosovitskiy et al. 2015, Section 3, with the sizes of the published configuration):
 //! the similarity of each pixel of one feature map and the pixels around it in another.
 //!
-//! On the CPU this is an operation of our own. Elsewhere it is composed of Burn's operations as matrix products. Since
+//! On the CPU this is a custom operation. Elsewhere it is composed of Burn's operations as matrix products. Since
 //! displacements are even, a pixel only meets pixels of its own row and column parity. The maps are therefore split into
 //! four of half the size, on which displacements reach 10 in steps of 1. A product then compares every pixel of a band of
 //! rows with every pixel within reach of the band, and the wanted values are diagonals of that product.
