@@ -1,6 +1,6 @@
 //! The house rules in CONTRIBUTING.md that a machine can check.
 
-mod circles;
+mod cycles;
 mod spelling;
 
 use crate::support::repository;

@@ -1,4 +1,4 @@
-//! No circle of imports among the files of a crate. A module's own file and the files below it may use each other.
+//! No import cycles among the files of a crate. A module's own file and the files below it may use each other.
 
 use super::{Source, none, sources};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -340,8 +340,8 @@ fn arrows(modules: &[Module]) -> Vec<BTreeSet<usize>> {
     modules.iter().map(used).collect()
 }
 
-/// The shortest circle through each import that is part of one, as text.
-fn circles(files: &[(String, String)]) -> BTreeSet<String> {
+/// The shortest cycle through each import that is part of one, as text.
+fn cycles(files: &[(String, String)]) -> BTreeSet<String> {
     let modules: Vec<_> = files.iter().map(|(file, text)| Module::new(file, text)).collect();
     let tests: Vec<_> = modules.iter().flat_map(|module| module.tests.clone()).collect();
     let tested = |module: &Module| tests.iter().any(|path| module.path.starts_with(path));
@@ -360,13 +360,13 @@ fn circles(files: &[(String, String)]) -> BTreeSet<String> {
             }
         }
         let Some(&last) = before.get(&from) else { continue };
-        let mut circle = vec![from, last];
-        while circle.last() != Some(&from) {
-            circle.push(before[circle.last().unwrap()]);
+        let mut cycle = vec![from, last];
+        while cycle.last() != Some(&from) {
+            cycle.push(before[cycle.last().unwrap()]);
         }
-        circle.pop();
-        circle.reverse();
-        let mut names: Vec<_> = circle.iter().map(|&file| modules[file].file.as_str()).collect();
+        cycle.pop();
+        cycle.reverse();
+        let mut names: Vec<_> = cycle.iter().map(|&file| modules[file].file.as_str()).collect();
         let first = (0..names.len()).min_by_key(|&i| names[i]).unwrap();
         names.rotate_left(first);
         names.push(names[0]);
@@ -376,31 +376,31 @@ fn circles(files: &[(String, String)]) -> BTreeSet<String> {
 }
 
 #[test]
-fn files_of_a_crate_do_not_import_each_other_in_a_circle() {
+fn files_of_a_crate_have_no_import_cycle() {
     let mut crates = BTreeMap::<String, Vec<(String, String)>>::new();
     for Source { text, name } in sources() {
         let (root, file) = name.rsplit_once("src/").unwrap();
         crates.entry(format!("{root}src/")).or_default().push((file.to_owned(), text));
     }
     let report = |(root, files): (&String, &Vec<_>)| {
-        circles(files).into_iter().map(|circle| format!("{root}: {circle}")).collect::<Vec<_>>()
+        cycles(files).into_iter().map(|cycle| format!("{root}: {cycle}")).collect::<Vec<_>>()
     };
-    none("files that import each other in a circle", &crates.iter().flat_map(report).collect::<Vec<_>>());
+    none("files in an import cycle", &crates.iter().flat_map(report).collect::<Vec<_>>());
 }
 
 #[cfg(test)]
 mod tests {
-    use super::circles;
+    use super::cycles;
 
     #[track_caller]
     fn check(files: &[(&str, &str)], expected: &[&str]) {
         let files: Vec<_> =
             files.iter().map(|(file, text)| ((*file).to_owned(), (*text).to_owned())).collect();
-        assert_eq!(circles(&files).into_iter().collect::<Vec<_>>(), expected);
+        assert_eq!(cycles(&files).into_iter().collect::<Vec<_>>(), expected);
     }
 
     #[test]
-    fn circles_through_nested_imports_and_paths_in_code() {
+    fn cycles_through_nested_imports_and_paths_in_code() {
         check(
             &[
                 ("lib.rs", "mod a; mod b; mod c;"),
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn circles_through_reexports() {
+    fn cycles_through_reexports() {
         let room = [
             ("room/mod.rs", "mod deep; pub use deep::{Deep, other as another}; pub struct Room;"),
             ("room/deep.rs", "use crate::a::A; pub struct Deep; pub fn other() {}"),
@@ -437,12 +437,12 @@ mod tests {
             files.last_mut().unwrap().1 = text;
             files
         };
-        let circle = ["a.rs -> room/deep.rs -> a.rs"];
+        let cycle = ["a.rs -> room/deep.rs -> a.rs"];
         check(&with("mod a; mod room;", "use crate::room::Room; pub struct A;"), &[]);
-        check(&with("mod a; mod room;", "use crate::room::another; pub struct A;"), &circle);
-        check(&with("mod a; mod room; pub use room::Deep;", "use crate::Deep; pub struct A;"), &circle);
-        check(&with("mod a; mod room; pub use room::*;", "fn a() -> crate::Deep { }"), &circle);
-        check(&with("mod a; mod room; pub use room::deep::*;", "use crate::{Deep as D, A};"), &circle);
+        check(&with("mod a; mod room;", "use crate::room::another; pub struct A;"), &cycle);
+        check(&with("mod a; mod room; pub use room::Deep;", "use crate::Deep; pub struct A;"), &cycle);
+        check(&with("mod a; mod room; pub use room::*;", "fn a() -> crate::Deep { }"), &cycle);
+        check(&with("mod a; mod room; pub use room::deep::*;", "use crate::{Deep as D, A};"), &cycle);
     }
 
     #[test]
