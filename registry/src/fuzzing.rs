@@ -52,9 +52,11 @@ pub fn event(data: &[u8]) -> bool {
 
 /// The header of a safetensors file.
 pub fn safetensors(data: &[u8]) -> bool {
-    let read =
-        |limit: u64| Ok(data.iter().copied().take(usize::try_from(limit).unwrap_or(usize::MAX)).collect());
-    matches!(crate::model::safetensors::check(".safetensors", data.len() as u64, &read), Ok(Ok(())))
+    let start = |limit: u64| {
+        let start = data.iter().copied().take(usize::try_from(limit).unwrap_or(usize::MAX));
+        Ok((start.collect(), data.len() as u64))
+    };
+    matches!(crate::model::safetensors::check(".safetensors", &start), Ok(Ok(())))
 }
 
 /// The public key of RFC 6979, appendix A.2.5.

@@ -2,14 +2,14 @@
 
 use std::fs;
 
-use crate::digest::Fingerprint;
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Manifest, ModelName, ModelVersion};
 use crate::problem::{Fault, Problem};
+use crate::store::folder::is_staged;
 use crate::store::location::Location;
 use crate::store::probe::{PROBE, probe};
 use crate::store::sequence::pointer_key;
-use crate::store::{DOCUMENT_LIMIT, MODELS, Store, blob_key, file_name};
+use crate::store::{MODELS, Store, blob_key, file_name};
 
 const MARKER: &str = "registry.json";
 const FORMAT: &str = "{\"format\":\"flowservo-registry\",\"version\":2}\n";
@@ -45,7 +45,7 @@ impl Registry {
         Self::on(Store::open(location)?)
     }
 
-    /// Tests whether the store creates an object only if there is none. Fails with [`Error::Location`] otherwise.
+    /// Tests whether the store creates an object only if there is none. Fails with [`Error::Refused`] otherwise.
     pub fn probe(&self) -> Result<()> {
         probe(&self.store)
     }
@@ -60,8 +60,8 @@ impl Registry {
         }
         let objects = listing.objects.into_iter().map(|object| object.key);
         // Others may be creating this registry at the same time.
-        let mut content = listing.folders.into_iter().chain(objects).filter(|key| !key.starts_with(PROBE));
-        if let Some(found) = content.next() {
+        let is_foreign = |key: &String| !key.starts_with(PROBE) && !is_staged(key);
+        if let Some(found) = listing.folders.into_iter().chain(objects).find(is_foreign) {
             return Err(registry.unusable(format!(
                 "the folder holds `{found}` but no {MARKER}; choose an empty or new folder for the registry"
             )));
@@ -87,7 +87,7 @@ impl Registry {
     }
 
     fn unusable(&self, reason: String) -> Error {
-        Error::Location { root: self.store.root().to_owned(), reason }
+        Error::refused(&self.store.root(), reason)
     }
 
     /// Returns the names of all models.
@@ -123,32 +123,6 @@ impl Registry {
             return Err(Fault::Malformed { reason }.of(&model, &key).into());
         }
         Ok(ModelVersion { name: name.clone(), version: number, digest, manifest, yanked: None })
-    }
-
-    /// Reads the manifest of a version as it is stored.
-    pub(crate) fn manifest_bytes(&self, version: &ModelVersion) -> Result<Vec<u8>> {
-        let key = pointer_key(&versions_key(&version.name), version.version);
-        match self.store.follow(&version.to_string(), &key)? {
-            (bytes, digest) if digest == version.digest => Ok(bytes),
-            (_, found) => {
-                let fault = Fault::Digest { expected: version.digest, found };
-                Err(fault.of(&version.to_string(), &key).into())
-            }
-        }
-    }
-
-    /// Reads a small blob and verifies it. `model` is what it belongs to.
-    pub(crate) fn document(&self, model: &str, descriptor: &Descriptor) -> Result<Vec<u8>> {
-        let fail = |fault| Err(blob_problem(model, descriptor, fault).into());
-        if descriptor.size > DOCUMENT_LIMIT {
-            let reason = format!("it would have {} bytes, more than {DOCUMENT_LIMIT}", descriptor.size);
-            return fail(Fault::Malformed { reason });
-        }
-        let bytes = self.store.read(&blob_key(descriptor.digest))?;
-        match Fault::of_blob(descriptor.content(), bytes.as_deref().map(Fingerprint::of_bytes)) {
-            Some(fault) => fail(fault),
-            None => Ok(bytes.unwrap_or_default()),
-        }
     }
 }
 

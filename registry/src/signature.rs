@@ -15,7 +15,7 @@ use p256::pkcs8::{DecodePrivateKey as _, DecodePublicKey as _, EncodePublicKey a
 use p256::{SecretKey, ecdsa};
 use serde_json::{Value, json};
 
-use crate::digest::{Digest, Hasher, InvalidDigest};
+use crate::digest::{Digest, Fingerprint, InvalidDigest};
 use crate::error::{Error, Result};
 use crate::model::{ModelVersion, checkpoint};
 
@@ -46,8 +46,11 @@ impl SignedFiles {
         let absolute = folder.canonicalize().map_err(Error::io("read the folder", folder))?;
         let name = absolute.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut files = BTreeMap::new();
-        for (path, source) in checkpoint::list(folder, &IGNORED)? {
-            files.insert(path, checkpoint::fingerprint(&source)?.digest);
+        let (store, paths) = checkpoint::open(folder, &IGNORED)?;
+        for path in paths {
+            let digest = store.inspect(&path)?.map(|found| found.digest);
+            let gone = || Error::refused(&folder.join(&path).display(), "was deleted meanwhile");
+            files.insert(path.clone(), digest.ok_or_else(gone)?);
         }
         Ok(Self { name, files })
     }
@@ -91,10 +94,10 @@ impl SignedFiles {
 
     /// Verifies that `signature` was made with the private key of `key`, over exactly these files. The name may differ.
     pub fn verify(&self, signature: &Signature, key: &PublicKey) -> Result<()> {
-        let payload = signature.payload().map_err(Error::Signature)?;
+        let payload = signature.payload().map_err(invalid)?;
         if !signature.is_by(key, &payload) {
             let hint = signature.key_hint().unwrap_or_else(|| "unknown".to_owned());
-            return Err(Error::Signature(format!(
+            return Err(invalid(format!(
                 "it was not made with the private key of this public key ({}), or was changed since; it claims the key {hint}",
                 key.hint()?
             )));
@@ -105,24 +108,18 @@ impl SignedFiles {
 
     /// Checks that `signature` is over exactly these files, with whatever key.
     pub(crate) fn check_signed_by(&self, signature: &Signature) -> Result<()> {
-        self.compare(&signature.payload().map_err(Error::Signature)?)
+        self.compare(&signature.payload().map_err(invalid)?)
     }
 
     fn compare(&self, payload: &[u8]) -> Result<()> {
-        let signed = parse_statement(payload).map_err(Error::Signature)?;
+        let signed = parse_statement(payload).map_err(invalid)?;
         let paths: BTreeSet<_> = signed.keys().chain(self.files.keys()).collect();
-        let difference = paths.into_iter().find_map(|path| match (signed.get(path), self.files.get(path)) {
-            (Some(signed), Some(found)) if signed == found => None,
-            (Some(signed), Some(found)) => {
-                Some(format!("{path} has digest {found}, the signed one is {signed}"))
-            }
-            (Some(_), None) => Some(format!("{path} was signed and is missing")),
-            (None, _) => Some(format!("{path} was not signed")),
-        });
-        match difference {
-            Some(difference) => Err(Error::Signature(format!("other files were signed: {difference}"))),
-            None => Ok(()),
-        }
+        let differs = |path: &&String| signed.get(*path) != self.files.get(*path);
+        let Some(path) = paths.into_iter().find(differs) else { return Ok(()) };
+        let digest =
+            |files: &BTreeMap<_, Digest>| files.get(path).map_or("missing".into(), Digest::to_string);
+        let (found, signed) = (digest(&self.files), digest(&signed));
+        Err(invalid(format!("other files were signed: {path} is {found}, the signed one is {signed}")))
     }
 }
 
@@ -137,7 +134,7 @@ impl Signature {
     /// Parses a Sigstore bundle.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
         let refuse = |error: &dyn std::fmt::Display| {
-            Error::Signature(format!("it is not a Sigstore bundle with a DSSE envelope: {error}"))
+            invalid(format!("it is not a Sigstore bundle with a DSSE envelope: {error}"))
         };
         // The JSON reader does not check the encoding of texts that it skips.
         let text = std::str::from_utf8(bytes).map_err(|error| refuse(&error))?;
@@ -204,15 +201,21 @@ pub(crate) fn parse_statement(payload: &[u8]) -> std::result::Result<BTreeMap<St
     if subjects != 1 {
         return Err(format!("it has {subjects} subjects, expected one"));
     }
-    expect(&statement, "/subject/0/digest/sha256", &root(digests.iter()).hex())?;
+    expect(&statement, "/subject/0/digest/sha256", &root(&digests).hex())?;
     Ok(files)
 }
 
 /// Computes the SHA-256 over the digests in the order of the paths.
-fn root<'a>(digests: impl Iterator<Item = &'a Digest>) -> Digest {
-    let mut hasher = Hasher::default();
-    digests.for_each(|digest| hasher.update(digest.bytes()));
-    hasher.finish().digest
+fn root<'a>(digests: impl IntoIterator<Item = &'a Digest>) -> Digest {
+    Fingerprint::of(digests.into_iter().map(Digest::bytes)).digest
+}
+
+fn invalid(reason: String) -> Error {
+    Error::refused(&"the signature is not valid", reason)
+}
+
+fn bad_key(reason: String) -> Error {
+    Error::refused(&"the key", reason)
 }
 
 /// Returns the string at a JSON pointer.
@@ -243,7 +246,7 @@ impl PrivateKey {
         let key = SecretKey::from_sec1_pem(pem).ok().or_else(|| SecretKey::from_pkcs8_pem(pem).ok());
         let reason = "is not a private key on the curve NIST P-256 in PEM without a password; `openssl ecparam -name \
                       prime256v1 -genkey -noout` creates one";
-        key.map(|key| Self(key.into())).ok_or_else(|| Error::Key(reason.to_owned()))
+        key.map(|key| Self(key.into())).ok_or_else(|| bad_key(reason.to_owned()))
     }
 
     /// Returns the public key as PEM.
@@ -261,12 +264,12 @@ impl PublicKey {
     pub fn from_pem(pem: &str) -> Result<Self> {
         let reason = "is not a public key on the curve NIST P-256 in PEM; `openssl ec -in KEY -pubout` derives it from the \
                       private key";
-        ecdsa::VerifyingKey::from_public_key_pem(pem).map(Self).map_err(|_| Error::Key(reason.to_owned()))
+        ecdsa::VerifyingKey::from_public_key_pem(pem).map(Self).map_err(|_| bad_key(reason.to_owned()))
     }
 
     fn pem(&self) -> Result<String> {
         let pem = self.0.to_public_key_pem(LineEnding::LF);
-        pem.map_err(|error| Error::Key(format!("cannot be written: {error}")))
+        pem.map_err(|error| bad_key(format!("cannot be written: {error}")))
     }
 
     /// Returns the hint by which a bundle names its key: SHA-256 of the key's PEM.

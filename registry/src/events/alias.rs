@@ -54,10 +54,8 @@ impl Registry {
         precondition: Precondition,
         note: &Note,
     ) -> Result<Event> {
-        match self.change_alias(&Log::of_alias(name, alias), None, precondition, note)? {
-            Some(event) => Ok(event),
-            None => Err(self.no_alias(name, alias)?),
-        }
+        let removed = self.change_alias(&Log::of_alias(name, alias), None, precondition, note)?;
+        removed.map_or_else(|| Err(self.no_alias(name, alias)), Ok)
     }
 
     fn change_alias(
@@ -67,17 +65,15 @@ impl Registry {
         precondition: Precondition,
         note: &Note,
     ) -> Result<Option<Event>> {
-        let known = self.last_event(log)?.into_iter().collect();
-        let recorded = self.record(log, known, note, &|events| {
+        self.record(log, note, &|events| {
             let current = events.last().and_then(|(event, _)| event.target());
             if !precondition.holds(current) {
                 let found = current.map(|target| target.version);
                 return Err(Error::Conflict { subject: log.subject.clone(), found });
             }
             let change = target.map_or(EventKind::AliasRemoved, |target| EventKind::AliasSet { target });
-            Ok(if current == target { Err(()) } else { Ok(change) })
-        })?;
-        Ok(recorded.ok())
+            Ok((current != target).then_some(change))
+        })
     }
 
     /// Returns the aliases of `name` and the numbers of the versions that they name.
@@ -97,7 +93,7 @@ impl Registry {
     pub fn alias_history(&self, name: &ModelName, alias: &AliasName) -> Result<Vec<Event>> {
         let events = self.history(&Log::of_alias(name, alias))?;
         if events.is_empty() {
-            return Err(self.no_alias(name, alias)?);
+            return Err(self.no_alias(name, alias));
         }
         Ok(events.into_iter().map(|(event, _)| event).collect())
     }
@@ -111,7 +107,7 @@ impl Registry {
     /// to.
     pub(crate) fn aliased(&self, name: &ModelName, alias: &AliasName) -> Result<u64> {
         let Some(Target { version, digest }) = self.target(name, alias)? else {
-            return Err(self.no_alias(name, alias)?);
+            return Err(self.no_alias(name, alias));
         };
         let folder = versions_key(name);
         let fault = match self.store.pointers(&folder, &[version])?.first() {
@@ -122,9 +118,11 @@ impl Registry {
         Err(fault.of(&format!("{name}:{alias}"), &pointer_key(&folder, version)).into())
     }
 
-    fn no_alias(&self, name: &ModelName, alias: &AliasName) -> Result<Error> {
-        let known = listed(self.aliases(name)?.keys());
-        Ok(Error::NotFound(format!("there is no alias `{alias}` of {name}; its aliases are: {known}")))
+    fn no_alias(&self, name: &ModelName, alias: &AliasName) -> Error {
+        self.aliases(name).map_or_else(Into::into, |aliases| {
+            let known = listed(aliases.keys());
+            Error::NotFound(format!("there is no alias `{alias}` of {name}; its aliases are: {known}"))
+        })
     }
 }
 

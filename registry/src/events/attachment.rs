@@ -4,8 +4,10 @@
 
 use std::collections::BTreeMap;
 
-use super::Log;
-use super::evaluation::{Evaluation, Metric};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::{Log, Logged};
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Event, EventKind, ModelVersion, Note};
 use crate::outcome::Outcome;
@@ -16,6 +18,47 @@ use crate::store::DOCUMENT_LIMIT;
 
 /// Media type of an evaluation.
 const EVALUATION: &str = "application/vnd.flowservo.evaluation.v1+json";
+
+/// Metrics of a version and the configuration of their measurement: a JSON document that is attached to the version.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Name, ending in its unit, and finite value.
+    pub metrics: BTreeMap<String, f64>,
+    /// Configuration of the measurement, in the evaluator's words: enough to repeat it.
+    pub configuration: BTreeMap<String, Value>,
+}
+
+/// One metric of a version.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Metric {
+    /// The value.
+    pub value: f64,
+    /// Number of the event that attached the evaluation. `None` if the value is from the version's own manifest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attachment: Option<u64>,
+}
+
+impl Evaluation {
+    /// Refuses an empty evaluation, and values that JSON cannot represent.
+    pub(crate) fn check(&self, version: &ModelVersion) -> Result<()> {
+        if self.metrics.is_empty() {
+            return Err(Error::refused(version, "the evaluation has no metrics"));
+        }
+        check_finite(&self.metrics)
+    }
+}
+
+/// Refuses values that JSON cannot represent.
+pub(crate) fn check_finite(metrics: &BTreeMap<String, f64>) -> Result<()> {
+    match metrics.iter().find(|(_, value)| !value.is_finite()) {
+        Some((name, value)) => Err(Error::refused(
+            &format!("metric `{name}`"),
+            format!("it is {value}; only finite numbers can be published"),
+        )),
+        None => Ok(()),
+    }
+}
 
 /// What can be attached to a version.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,7 +123,7 @@ impl Registry {
         note: &Note,
     ) -> Result<Outcome<Event>> {
         let bytes = attachment.to_bytes(version)?;
-        self.attach_bytes(version, &Descriptor::document(attachment.media_type(), &bytes), bytes, note)
+        self.attach_bytes(version, &Descriptor::document(attachment.media_type(), &bytes), &bytes, note)
     }
 
     /// Attaches `bytes`, which `attached` describes.
@@ -88,17 +131,24 @@ impl Registry {
         &self,
         version: &ModelVersion,
         attached: &Descriptor,
-        bytes: Vec<u8>,
+        bytes: &[u8],
         note: &Note,
     ) -> Result<Outcome<Event>> {
-        self.store.put_blob(bytes)?;
         let (log, target) = (Log::of_version(&version.name, version.version), version.target());
-        let recorded = self.record(&log, self.history(&log)?, note, &|events| {
-            let same = events.iter().find(|(event, _)| event.attached() == Some(attached));
+        let is_same = |(event, _): &Logged| event.attached() == Some(attached);
+        if let Some((event, _)) = self.history(&log)?.into_iter().find(is_same) {
+            return Ok(Outcome::AlreadyThere(event));
+        }
+        self.store.put_blob(bytes.to_owned())?;
+        let recorded = self.record(&log, note, &|events| {
             let attach = || EventKind::Attached { target, attached: attached.clone() };
-            Ok(same.map_or_else(|| Ok(attach()), |(event, _)| Err(Box::new(event.clone()))))
+            Ok((!events.iter().any(is_same)).then(attach))
         })?;
-        Ok(recorded.map_or_else(|event| Outcome::AlreadyThere(*event), Outcome::New))
+        // If nothing was recorded, another process was faster.
+        recorded.map_or_else(
+            || self.attach_bytes(version, attached, bytes, note),
+            |event| Ok(Outcome::New(event)),
+        )
     }
 
     /// Returns the events that attach something to `version`, in order. [`Registry::attachment`] reads what they attach.
@@ -111,7 +161,7 @@ impl Registry {
     pub fn attachment(&self, version: &ModelVersion, event: &Event) -> Result<Option<Attachment>> {
         let Some(attached) = event.attached() else { return Ok(None) };
         let log = Log::of_version(&version.name, version.version);
-        let bytes = self.document(&log.affected(), attached)?;
+        let bytes = self.store.document(&log.affected(), attached.digest)?;
         let malformed = |reason| log.problem(event.number, Fault::Malformed { reason }).into();
         Attachment::parse(&attached.media_type, &bytes).map_err(malformed)
     }
@@ -135,7 +185,7 @@ impl Registry {
         Ok(self.metrics(version)?.into_iter().map(|(name, metric)| (name, metric.value)).collect())
     }
 
-    /// Returns the event that attaches a valid signature of `version` with the owner's `key`. Fails with [`Error::Unsigned`] if
+    /// Returns the event that attaches a valid signature of `version` with the owner's `key`. Fails with [`Error::Refused`] if
     /// there is none.
     pub fn signature_by(&self, version: &ModelVersion, key: &PublicKey) -> Result<Event> {
         let files = SignedFiles::of_version(version);
@@ -156,7 +206,7 @@ impl Registry {
             0 => "no signature is attached; `model sign` attaches one".to_owned(),
             count => format!("none of {count} signatures is valid; {}", found.join("; ")),
         };
-        Err(Error::Unsigned { model: version.to_string(), reason })
+        Err(Error::refused(version, format!("not signed with this key: {reason}")))
     }
 }
 
@@ -342,11 +392,12 @@ mod tests {
         fs::create_dir(root.join("models/approach/events/1")).unwrap();
         fs::write(root.join(format!("{LOG}/1")), "").unwrap();
         fs::remove_file(root.join(format!("{LOG}/000002"))).unwrap();
-        let found: Vec<_> =
+        let mut found: Vec<_> =
             registry.verify(None).unwrap().problems.into_iter().map(|p| (p.object, p.fault)).collect();
+        found.sort_by(|a, b| a.0.cmp(&b.0));
         let stray = |key: &str| (format!("models/approach/events/{key}"), Fault::Stray);
         let gap = (format!("{LOG}/000002"), Fault::Missing);
-        assert_eq!(found, [stray("notes"), stray("000001/1"), gap, stray("1")]);
+        assert_eq!(found, [gap, stray("000001/1"), stray("1"), stray("notes")]);
 
         // An event that names another manifest, and one of a version that does not exist.
         let place = Place::local();
@@ -400,7 +451,7 @@ mod tests {
         let place = Place::local();
         let (registry, version) = with_attachments(&place);
         let attached = Descriptor::document("application/spdx+json", b"sbom");
-        registry.attach_bytes(&version, &attached, b"sbom".to_vec(), &Note::default()).unwrap();
+        registry.attach_bytes(&version, &attached, b"sbom", &Note::default()).unwrap();
         assert!(registry.verify(None).unwrap().problems.is_empty());
         let events = registry.attachments(&version).unwrap();
         assert_eq!(registry.attachment(&version, &events[3]).unwrap(), None);

@@ -14,7 +14,6 @@ use crate::store::sequence::{parse_number, pointer_key};
 
 pub(crate) mod alias;
 pub(crate) mod attachment;
-pub(crate) mod evaluation;
 mod yank;
 
 /// Returns the folder of the logs of `name`.
@@ -95,9 +94,6 @@ pub(crate) fn broken_chain(event: &Event, previous: Option<Digest>) -> Option<Fa
 /// An event and its digest.
 type Logged = (Event, Digest);
 
-/// The event to append. The inner error is the reason why none is needed.
-type Decision<T> = Result<std::result::Result<EventKind, T>>;
-
 impl Registry {
     /// Reads event `number`. Fails with [`Error::Damaged`] if it is not the one that was recorded.
     pub(crate) fn event(&self, log: &Log, number: u64) -> Result<Logged> {
@@ -138,32 +134,30 @@ impl Registry {
         }
     }
 
-    /// Appends the event that `decide` returns, given the `known` events, of which the last must be the last of the log. Appends
-    /// nothing if `decide` returns an inner error. If another writer is first, `decide` is called again with its event.
-    fn record<T>(
+    /// Appends the event that `decide` returns, given the last event of an alias or all events of a version. Appends nothing if
+    /// it returns none. If another writer is first, `decide` is called again with its event.
+    fn record(
         &self,
         log: &Log,
-        mut known: Vec<Logged>,
         note: &Note,
-        decide: &dyn Fn(&[Logged]) -> Decision<T>,
-    ) -> Result<std::result::Result<Event, T>> {
+        decide: &dyn Fn(&[Logged]) -> Result<Option<EventKind>>,
+    ) -> Result<Option<Event>> {
+        let mut known = if log.version.is_some() {
+            self.history(log)?
+        } else {
+            self.last_event(log)?.into_iter().collect()
+        };
         loop {
-            let kind = match decide(&known)? {
-                Ok(kind) => kind,
-                Err(unchanged) => return Ok(Err(unchanged)),
-            };
-            let event = Event {
-                subject: log.subject.clone(),
-                number: known.last().map_or(0, |(event, _)| event.number) + 1,
-                previous: known.last().map(|&(_, digest)| digest),
-                kind,
-                note: note.clone(),
-            };
+            let Some(kind) = decide(&known)? else { return Ok(None) };
+            let (subject, last) = (log.subject.clone(), known.last());
+            let number = last.map_or(0, |(event, _)| event.number) + 1;
+            let previous = last.map(|&(_, digest)| digest);
+            let event = Event { subject, number, previous, kind, note: note.clone() };
             let digest = self.store.put_document(&log.subject, &encode(&event)?)?;
-            if self.store.point(&log.folder, event.number, digest)? {
-                return Ok(Ok(event));
+            if self.store.point(&log.folder, number, digest)? {
+                return Ok(Some(event));
             }
-            known.push(self.event(log, event.number)?);
+            known.push(self.event(log, number)?);
         }
     }
 }

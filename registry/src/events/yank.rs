@@ -29,12 +29,11 @@ impl Registry {
 
     fn set_yanked(&self, version: &ModelVersion, yanked: bool, note: &Note) -> Result<Option<Event>> {
         let (log, target) = (Log::of_version(&version.name, version.version), version.target());
-        let recorded = self.record(&log, self.history(&log)?, note, &|events| {
+        self.record(&log, note, &|events| {
             let is_yanked = yank_in_force(events.iter().map(|(event, _)| event)).is_some();
             let kind = if yanked { EventKind::Yanked { target } } else { EventKind::Unyanked { target } };
-            Ok(if is_yanked == yanked { Err(()) } else { Ok(kind) })
-        })?;
-        Ok(recorded.ok())
+            Ok((is_yanked != yanked).then_some(kind))
+        })
     }
 
     /// Returns the note of the yank in force for version `number`, if any.

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::model::{Descriptor, Manifest, ModelName, ModelVersion, model_config, safetensors};
+use crate::model::{Descriptor, Manifest, ModelName, ModelVersion, model_config};
+use crate::operations::publish::check_weights;
 use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::Registry;
@@ -23,7 +24,7 @@ impl<'a> Import<'a> {
 
     /// Refuses the file `key`.
     pub(super) fn refuse(&self, key: &str, reason: impl std::fmt::Display) -> Error {
-        Error::file(&self.folder.join(key), format!("{reason}; nothing was published"))
+        Error::refused(&self.folder.join(key).display(), format!("{reason}; nothing was published"))
     }
 
     /// States which folder a problem is in.
@@ -67,9 +68,7 @@ impl<'a> Import<'a> {
         for layer in &manifest.layers {
             let key = locate(layer);
             self.verify(&key, layer)?;
-            let read = |limit| Ok(self.store.read_start(&key, limit)?.unwrap_or_default());
-            let checked = safetensors::check(layer.path().unwrap_or_default(), layer.size, &read)?;
-            checked.map_err(|reason| self.refuse(&key, reason))?;
+            check_weights(&self.store, &key, layer.path().unwrap_or_default())?;
         }
         let mut references = None;
         for layer in &manifest.layers {

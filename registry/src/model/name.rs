@@ -3,18 +3,16 @@
 use std::fmt;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::error::{Error, Result};
 
 /// Name of a model: 1 to 64 lower-case ASCII letters, digits, `-` and `_`, starting with a letter or digit.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(try_from = "String")]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub struct ModelName(String);
 
 /// Name of an alias: like a model's name, but it starts with a letter, so that it cannot be confused with a version.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(try_from = "String")]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub struct AliasName(String);
 
 impl ModelName {
@@ -40,7 +38,12 @@ impl FromStr for ModelName {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        if is_name(name) { Ok(Self(name.to_owned())) } else { Err(Error::Name(name.to_owned())) }
+        let expected = "a model name: use 1 to 64 lower-case letters, digits, `-` and `_`, starting with a letter or digit";
+        if is_name(name) {
+            Ok(Self(name.to_owned()))
+        } else {
+            Err(Error::Invalid { text: name.to_owned(), expected })
+        }
     }
 }
 
@@ -48,24 +51,14 @@ impl FromStr for AliasName {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
+        let expected = "an alias: use 1 to 64 lower-case letters, digits, `-` and `_`, starting with a letter; a version is written \
+                        `NAME@7`";
         let is_alias = is_name(name) && name.starts_with(|c: char| c.is_ascii_lowercase());
-        if is_alias { Ok(Self(name.to_owned())) } else { Err(Error::AliasName(name.to_owned())) }
-    }
-}
-
-impl TryFrom<String> for ModelName {
-    type Error = Error;
-
-    fn try_from(name: String) -> Result<Self> {
-        name.parse()
-    }
-}
-
-impl TryFrom<String> for AliasName {
-    type Error = Error;
-
-    fn try_from(name: String) -> Result<Self> {
-        name.parse()
+        if is_alias {
+            Ok(Self(name.to_owned()))
+        } else {
+            Err(Error::Invalid { text: name.to_owned(), expected })
+        }
     }
 }
 

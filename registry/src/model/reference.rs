@@ -57,7 +57,8 @@ impl FromStr for ModelRef {
             // One spelling for each number: no sign and no leading zero.
             let is_canonical = version.bytes().all(|c| c.is_ascii_digit()) && !version.starts_with('0');
             let number = version.parse().ok().filter(|_| is_canonical);
-            Selector::Version(number.ok_or_else(|| Error::Reference(text.to_owned()))?)
+            let expected = "a model reference: write `NAME`, `NAME@7`, `NAME:ALIAS` or `NAME@sha256:...` with all 64 digits";
+            Selector::Version(number.ok_or_else(|| Error::Invalid { text: text.to_owned(), expected })?)
         };
         Ok(Self { name: name.parse()?, selector })
     }

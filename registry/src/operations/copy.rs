@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::model::{EventKind, ModelVersion, safetensors};
+use crate::model::{EventKind, ModelVersion};
+use crate::operations::publish::check_weights;
 use crate::registry::{Registry, blob_problem};
 use crate::store::blob_key;
 
@@ -30,27 +31,23 @@ impl Registry {
     pub fn copy(&self, version: &ModelVersion, to: &Registry) -> Result<Copied> {
         let mut references = None;
         for blob in version.manifest.blobs() {
-            let (path, key) = (blob.path().unwrap_or_default(), blob_key(blob.digest));
+            let key = blob_key(blob.digest);
             // This registry may be somebody else's.
-            let read = |limit| Ok(self.store.read_start(&key, limit)?.unwrap_or_default());
-            if let Err(reason) = safetensors::check(path, blob.size, &read)? {
-                return Err(Error::refused(version, format!("{path} {reason}")));
-            }
+            check_weights(&self.store, &key, blob.path().unwrap_or_default())?;
             to.transfer(&self.store, &key, blob, &mut references).map_err(|error| match error {
                 Error::Damaged(problem) => blob_problem(&version.to_string(), blob, problem.fault).into(),
                 error => error,
             })?;
         }
+        let bytes = self.store.document(&version.to_string(), version.digest)?;
         let same = |digest, _: &_| digest == version.digest;
-        let bytes = self.manifest_bytes(version)?;
         let copied = to.add_version(&version.name, &version.manifest, &bytes, &same)?;
         let (is_new, mut copied) = (copied.is_new(), copied.value().clone());
         let mut attachments = 0;
         for event in self.attachments(version)? {
             let Some(attached) = event.attached() else { continue };
-            let bytes = self.document(&format!("{version}/events"), attached)?;
-            let outcome = to.attach_bytes(&copied, attached, bytes, &event.note)?;
-            attachments += usize::from(outcome.is_new());
+            let bytes = self.store.document(&format!("{version}/events"), attached.digest)?;
+            attachments += usize::from(to.attach_bytes(&copied, attached, &bytes, &event.note)?.is_new());
         }
         let is_yank =
             |kind: &EventKind| matches!(kind, EventKind::Yanked { .. } | EventKind::Unyanked { .. });
@@ -64,6 +61,7 @@ impl Registry {
         Ok(Copied { version: copied, is_new, attachments, yanked })
     }
 }
+
 #[cfg(test)]
 mod tests {
     use std::fs;

@@ -78,7 +78,7 @@ impl Registry {
         let config = version.manifest.layers.iter().find(|layer| layer.path() == Some(CONFIG));
         let Some(layer) = config else { return Ok(BTreeMap::new()) };
         let refuse = |error: &dyn Display| Error::refused(version, format!("{CONFIG} is not TOML: {error}"));
-        let bytes = self.document(&version.to_string(), layer)?;
+        let bytes = self.store.document(&version.to_string(), layer.digest)?;
         let text = String::from_utf8(bytes).map_err(|error| refuse(&error))?;
         Ok(flattened(toml::from_str(&text).map_err(|error| refuse(&error))?))
     }
@@ -90,10 +90,11 @@ fn lineage(version: &ModelVersion) -> Result<BTreeMap<String, Value>> {
 }
 
 /// Returns the values of a document by path, as `phases.0.epochs`. A list of scalars is one value.
-fn flattened(document: Value) -> BTreeMap<String, Value> {
+pub(crate) fn flattened(document: Value) -> BTreeMap<String, Value> {
     fn flatten(path: &str, value: Value, found: &mut BTreeMap<String, Value>) {
         let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         match value {
+            // An empty table has no values.
             Value::Object(table) => {
                 table.into_iter().for_each(|(key, value)| flatten(&below(&key), value, found));
             }

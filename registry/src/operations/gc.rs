@@ -18,6 +18,7 @@ use crate::digest::Digest;
 use crate::error::{Error, Result};
 use crate::problem::Problem;
 use crate::registry::Registry;
+use crate::store::folder::is_staged;
 use crate::store::probe::is_probe;
 use crate::store::sequence::parse_number;
 use crate::store::{BLOBS, Listing, MODELS, Object, Store, blob_key, file_name};
@@ -47,14 +48,14 @@ impl Registry {
         let mut references = References::default();
         let models = references.update(&self.store)?;
         references.check()?;
-        let Listing { objects, staged, .. } = self.store.list("")?.checked()?;
-        let is_unnamed =
-            |object: &Object| blob_digest(&object.key).is_some_and(|digest| !references.names(digest));
-        let unnamed = blobs.objects.into_iter().filter(is_unnamed);
-        let probes = objects.into_iter().filter(|object| is_probe(&object.key));
-        let staged = blobs.staged.into_iter().chain(models.staged).chain(staged);
-        let garbage = unnamed.chain(probes).chain(staged);
-        let mut garbage: Vec<_> = garbage.filter_map(|object| old(object, now, grace)).collect();
+        let top = self.store.list("")?.checked()?;
+        let is_unneeded = |key: &str| {
+            let is_unnamed = blob_digest(key).is_some_and(|digest| !references.names(digest));
+            is_unnamed || is_probe(key) || is_staged(key)
+        };
+        let objects = [blobs, models, top].into_iter().flat_map(|listing| listing.objects);
+        let unneeded = objects.filter(|object| is_unneeded(&object.key));
+        let mut garbage: Vec<_> = unneeded.filter_map(|object| old(object, now, grace)).collect();
         garbage.sort_by(|a, b| a.key.cmp(&b.key));
         Ok(garbage)
     }
@@ -74,20 +75,15 @@ impl Registry {
             references.update(&self.store)?;
             references.check()?;
             let is_named = blob_digest(&found.key).is_some_and(|digest| references.names(digest));
-            if !is_named && self.is_old(&found.key, now, grace)? {
+            let folder = found.key.rsplit_once('/').map_or("", |(folder, _)| folder);
+            let beside = self.store.list(folder)?.checked()?.objects;
+            let object = beside.into_iter().find(|object| object.key == found.key);
+            if !is_named && object.and_then(|object| old(object, now, grace)).is_some() {
                 self.store.delete(&found.key)?;
                 deleted.push(found);
             }
         }
         Ok(deleted)
-    }
-
-    /// Returns whether an object or half-written file exists and is still old.
-    fn is_old(&self, key: &str, now: SystemTime, grace: Duration) -> Result<bool> {
-        let folder = key.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let Listing { objects, staged, .. } = self.store.list(folder)?.checked()?;
-        let found = objects.into_iter().chain(staged).find(|object| object.key == key);
-        Ok(found.and_then(|object| old(object, now, grace)).is_some())
     }
 }
 
@@ -113,7 +109,7 @@ impl References {
     fn update(&mut self, store: &Store) -> Result<Listing> {
         let models = store.walk(MODELS)?.checked()?;
         for Object { key, .. } in &models.objects {
-            if self.read.contains(key) {
+            if self.read.contains(key) || is_staged(key) {
                 continue;
             }
             let Some(bytes) = store.read(key)? else { continue };

@@ -1,9 +1,9 @@
 //! What users do with a registry.
 
 mod copy;
-mod diff;
+pub(crate) mod diff;
 pub(crate) mod gc;
-mod publish;
+pub(crate) mod publish;
 pub(crate) mod pull;
 mod resolve;
 mod verify;

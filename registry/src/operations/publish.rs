@@ -1,11 +1,10 @@
 //! Publishing: blobs first, the numbered pointer last.
 
-use std::fmt::Display;
 use std::path::Path;
 
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
-use crate::events::evaluation::check_finite;
+use crate::events::attachment::check_finite;
 use crate::model::{
     Descriptor, Manifest, ModelName, ModelVersion, Provenance, checkpoint, model_config, safetensors,
 };
@@ -13,7 +12,6 @@ use crate::operations::gc::References;
 use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::{Registry, versions_key};
-use crate::store::upload::{Sink, Source, read_file};
 use crate::store::{Store, blob_key};
 
 /// Size of the largest blob that is written without checking whether it exists.
@@ -38,25 +36,23 @@ impl Registry {
         provenance: Provenance,
     ) -> Result<Outcome<ModelVersion>> {
         check_finite(&provenance.metrics)?;
-        let files = checkpoint::list(checkpoint, &[])?;
-        for (path, source) in &files {
-            if let Err(reason) = safetensors::check_file(path, source)? {
-                return Err(Error::file(source, reason));
-            }
+        let (from, paths) = checkpoint::open(checkpoint, &[])?;
+        for path in &paths {
+            check_weights(&from, path, path)?;
         }
         let mut references = None;
         let mut layers = Vec::new();
         let mut expected = provenance.expected.clone();
-        for (path, source) in files {
-            let content = self.keep(&source.display(), &|sink| read_file(&source, sink), &mut references)?;
+        for path in paths {
+            let content = self.keep(&from, &path, &mut references)?;
             if let Some(digest) = expected.remove(&path).filter(|&digest| digest != content.digest) {
                 let reason = format!("damaged: it has digest {}, expected {digest}", content.digest);
-                return Err(Error::file(&source, reason));
+                return Err(Error::refused(&checkpoint.join(path).display(), reason));
             }
             layers.push(Descriptor::file(&path, content));
         }
         if let Some((path, _)) = expected.pop_first() {
-            return Err(Error::file(&checkpoint.join(path), "missing"));
+            return Err(Error::refused(&checkpoint.join(path).display(), "missing"));
         }
         let config = model_config(name, &layers);
         self.store.put_blob(config.clone())?;
@@ -84,13 +80,8 @@ impl Registry {
             let number = numbers.last().copied().unwrap_or(0).max(taken) + 1;
             if self.store.point(&folder, number, digest)? {
                 let (name, manifest) = (name.clone(), manifest.clone());
-                return Ok(Outcome::New(ModelVersion {
-                    name,
-                    version: number,
-                    digest,
-                    manifest,
-                    yanked: None,
-                }));
+                let version = ModelVersion { name, version: number, digest, manifest, yanked: None };
+                return Ok(Outcome::New(version));
             }
             // Another process took the number. It may have published the same.
             (examined, taken) = (number - 1, number);
@@ -117,7 +108,7 @@ impl Registry {
         Ok(None)
     }
 
-    /// Stores a blob that lies in the store `from` under `key`, and verifies it.
+    /// Stores the blob that lies in the store `from` under `key`, and verifies it.
     pub(crate) fn transfer(
         &self,
         from: &Store,
@@ -125,37 +116,32 @@ impl Registry {
         blob: &Descriptor,
         references: &mut Option<References>,
     ) -> Result<()> {
-        let read = |sink: Sink| from.scan(key, u64::MAX, sink).map(drop);
-        let stored = self.keep(&key, &read, references)?;
+        let stored = self.keep(from, key, references)?;
         Fault::of_blob(blob.content(), Some(stored)).map_or(Ok(()), |fault| Err(fault.at(key).into()))
     }
 
-    /// Stores the content of `subject` as a blob, unless it exists. `references` are read when the first large existing blob is
-    /// met.
-    fn keep(
-        &self,
-        subject: &dyn Display,
-        source: Source,
-        references: &mut Option<References>,
-    ) -> Result<Fingerprint> {
-        let stored = self.store.upload(source, &mut |content| self.is_kept(content, references))?;
-        stored.ok_or_else(|| {
-            Error::refused(subject, "changed while it was read; try again when it is complete")
+    /// Stores the object `key` of the store `from` as a blob. An existing blob need not be written if it is intact, and named, so
+    /// that it cannot be deleted as garbage before the new manifest names it. Writing a small blob is faster than checking that.
+    /// `references` are read when the first large existing blob is met.
+    fn keep(&self, from: &Store, key: &str, references: &mut Option<References>) -> Result<Fingerprint> {
+        self.store.upload(from, key, &mut |content| {
+            if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {
+                return Ok(false);
+            }
+            let known = match references {
+                Some(known) => known,
+                None => references.insert(References::of(&self.store)?),
+            };
+            Ok(known.names(content.digest))
         })
     }
+}
 
-    /// Returns whether a blob need not be written: it is intact, and named, so that it cannot be deleted as garbage before the
-    /// new manifest names it. Writing a small blob is faster than checking that.
-    fn is_kept(&self, content: Fingerprint, references: &mut Option<References>) -> Result<bool> {
-        if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {
-            return Ok(false);
-        }
-        let known = match references {
-            Some(known) => known,
-            None => references.insert(References::of(&self.store)?),
-        };
-        Ok(known.names(content.digest))
-    }
+/// Refuses the file `path` of a checkpoint, which lies in the store `from` under `key`, if it is a malformed safetensors file.
+pub(crate) fn check_weights(from: &Store, key: &str, path: &str) -> Result<()> {
+    let start = |limit| Ok(from.read_start(key, limit)?.unwrap_or_default());
+    let refuse = |reason| Error::refused(&format!("{}/{key}", from.root()), format!("{path} {reason}"));
+    safetensors::check(path, &start)?.map_err(refuse)
 }
 
 #[cfg(test)]

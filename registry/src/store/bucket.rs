@@ -22,7 +22,7 @@ fn connect(builder: AmazonS3Builder, prefix: &str, root: &str) -> Result<Arc<dyn
     let endpoint = builder.get_config_value(&AmazonS3ConfigKey::Endpoint).unwrap_or_default();
     if endpoint.starts_with("http://") && allows_http.as_deref() != Some("true") {
         let reason = format!("{endpoint} is not encrypted; use https, or set AWS_ALLOW_HTTP=true");
-        return Err(Error::Location { root: root.to_owned(), reason });
+        return Err(Error::refused(&root, reason));
     }
     let objects = builder.build().map_err(|source| error("open the bucket", root.to_owned(), source))?;
     Ok(if prefix.is_empty() { Arc::new(objects) } else { Arc::new(PrefixStore::new(objects, prefix)) })

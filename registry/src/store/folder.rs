@@ -59,8 +59,7 @@ pub(super) fn list(root: &Path, key: &str) -> Result<Listing> {
             listing.folders.push(key);
         } else {
             let modified = metadata.modified().map_err(Error::io("read", &entry.path()))?;
-            let objects = if is_staged(&key) { &mut listing.staged } else { &mut listing.objects };
-            objects.push(Object { key, size: metadata.len(), modified });
+            listing.objects.push(Object { key, size: metadata.len(), modified });
         }
     }
     listing.folders.sort();
@@ -70,7 +69,7 @@ pub(super) fn list(root: &Path, key: &str) -> Result<Listing> {
 }
 
 /// Returns whether a local store is writing this file: `NAME#7` becomes `NAME` when it is complete.
-fn is_staged(name: &str) -> bool {
+pub(crate) fn is_staged(name: &str) -> bool {
     let number = name.rsplit_once('#').map(|(_, number)| number);
     number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
 }

@@ -52,7 +52,7 @@ impl FromStr for Location {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let refuse = |reason: &str| Error::Location { root: text.to_owned(), reason: reason.to_owned() };
+        let refuse = |reason: &str| Error::refused(&text, reason);
         match text.split_once("://") {
             None if text.is_empty() => Err(refuse("name a folder")),
             None => Ok(Self::Folder(text.into())),

@@ -22,12 +22,12 @@ const ATTEMPTS: u32 = 200;
 
 /// Refuses a store that could overwrite what is published. The probe's object is deleted again.
 pub(crate) fn probe(store: &Store) -> Result<()> {
-    let unfit = |reason: &str| Error::Location {
-        root: store.root().to_owned(),
-        reason: format!(
+    let unfit = |reason: &str| {
+        let reason = format!(
             "cannot hold a registry: {reason}. Of two simultaneous publications, one would be lost. A folder must be on a file \
              system with hard links (not FAT or exFAT), and an S3 server must honor `If-None-Match: *`"
-        ),
+        );
+        Error::refused(&store.root(), reason)
     };
     for number in 0..ATTEMPTS {
         let key = format!("{PROBE}{number}");
