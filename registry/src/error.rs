@@ -34,7 +34,7 @@ pub enum Error {
         /// The location.
         root: String,
     },
-    /// There is no such model, version or alias. The message lists what there is.
+    /// There is no such model, version, alias or signature. The message lists what there is.
     #[error("{0}")]
     NotFound(String),
     /// A precondition does not hold.

@@ -41,7 +41,7 @@ pub fn event(data: &[u8]) -> bool {
     let Ok(reference) = subject.parse::<ModelRef>() else { return false };
     let log = match reference.selector {
         Selector::Alias(alias) => Log::of_alias(&reference.name, &alias),
-        Selector::Version(version) => Log::of_version(&reference.name, version),
+        Selector::Version(version) => Log::of_number(&reference.name, version),
         _ => return false,
     };
     let Ok(parsed) = log.parse(data, number) else { return false };

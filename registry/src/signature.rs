@@ -357,10 +357,10 @@ mod tests {
         fs::write(folder.join(".git/a b"), "").unwrap();
         verify(&again()).unwrap();
         fs::write(folder.join("more.txt"), "").unwrap();
-        assert!(verify(&again()).unwrap_err().to_string().contains("more.txt was not signed"));
+        assert!(verify(&again()).unwrap_err().to_string().contains("more.txt is sha256:"));
         fs::remove_file(folder.join("more.txt")).unwrap();
         fs::write(folder.join("weights.bin"), "abd").unwrap();
-        assert!(verify(&again()).unwrap_err().to_string().contains("weights.bin has digest"));
+        assert!(verify(&again()).unwrap_err().to_string().contains("weights.bin is sha256:"));
         fs::remove_file(folder.join("weights.bin")).unwrap();
         assert!(verify(&again()).unwrap_err().to_string().contains("is missing"));
     }
@@ -460,7 +460,7 @@ mod tests {
             "{refusal}"
         );
         // A damaged one does not hide a valid one.
-        let damaged = registry.attachments(&version).unwrap()[0].attached().unwrap().clone();
+        let damaged = registry.attachments(&version).unwrap()[0].attached.as_ref().unwrap().clone();
         crate::fixture::flip(&place.path("registry"), &crate::store::blob_key(damaged.digest));
         assert!(registry.signature_by(&version, &public()).is_err());
         registry.attach(&version, &Attachment::Signature(signature), &Note::default()).unwrap();

@@ -65,14 +65,14 @@ impl Registry {
         precondition: Precondition,
         note: &Note,
     ) -> Result<Option<Event>> {
-        self.record(log, note, &|events| {
-            let current = events.last().and_then(|(event, _)| event.target());
+        let kind = if target.is_some() { EventKind::AliasSet } else { EventKind::AliasRemoved };
+        self.record(log, log.draft(kind, target, note), &|events| {
+            let current = events.last().and_then(|event| event.target);
             if !precondition.holds(current) {
                 let found = current.map(|target| target.version);
                 return Err(Error::Conflict { subject: log.subject.clone(), found });
             }
-            let change = target.map_or(EventKind::AliasRemoved, |target| EventKind::AliasSet { target });
-            Ok((current != target).then_some(change))
+            Ok(current != target)
         })
     }
 
@@ -95,12 +95,12 @@ impl Registry {
         if events.is_empty() {
             return Err(self.no_alias(name, alias));
         }
-        Ok(events.into_iter().map(|(event, _)| event).collect())
+        Ok(events)
     }
 
     /// Returns what `alias` names now.
     fn target(&self, name: &ModelName, alias: &AliasName) -> Result<Option<Target>> {
-        Ok(self.last_event(&Log::of_alias(name, alias))?.and_then(|(event, _)| event.target()))
+        Ok(self.last_event(&Log::of_alias(name, alias))?.and_then(|event| event.target))
     }
 
     /// Returns the number of the version that `alias` names, and verifies that it is still the version that the alias was set
@@ -164,7 +164,7 @@ mod tests {
             assert!(registry.aliases(&model("approach")).unwrap().is_empty());
             let history = registry.alias_history(&model("approach"), &champion).unwrap();
             let meant: Vec<_> =
-                history.iter().map(|event| event.target().map(|target| target.version)).collect();
+                history.iter().map(|event| event.target.map(|target| target.version)).collect();
             assert_eq!(meant, [Some(2), Some(1), None]);
             assert!(registry.remove_alias(&model("approach"), &champion, Precondition::Any, &none).is_err());
             let missing = registry.alias_history(&model("aproach"), &champion).unwrap_err();

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Log, Logged};
+use super::Log;
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Event, EventKind, ModelVersion, Note};
 use crate::outcome::Outcome;
@@ -134,16 +134,16 @@ impl Registry {
         bytes: &[u8],
         note: &Note,
     ) -> Result<Outcome<Event>> {
-        let (log, target) = (Log::of_version(&version.name, version.version), version.target());
-        let is_same = |(event, _): &Logged| event.attached() == Some(attached);
-        if let Some((event, _)) = self.history(&log)?.into_iter().find(is_same) {
+        // A damaged blob is repaired, even if it is attached already.
+        self.store.put_blob(bytes.to_owned())?;
+        let log = Log::of_version(version);
+        let is_same = |event: &Event| event.attached.as_ref() == Some(attached);
+        if let Some(event) = self.history(&log)?.into_iter().find(is_same) {
             return Ok(Outcome::AlreadyThere(event));
         }
-        self.store.put_blob(bytes.to_owned())?;
-        let recorded = self.record(&log, note, &|events| {
-            let attach = || EventKind::Attached { target, attached: attached.clone() };
-            Ok((!events.iter().any(is_same)).then(attach))
-        })?;
+        let draft = log.draft(EventKind::Attached, Some(version.target()), note);
+        let event = Event { attached: Some(attached.clone()), ..draft };
+        let recorded = self.record(&log, event, &|events| Ok(!events.iter().any(is_same)))?;
         // If nothing was recorded, another process was faster.
         recorded.map_or_else(
             || self.attach_bytes(version, attached, bytes, note),
@@ -153,14 +153,14 @@ impl Registry {
 
     /// Returns the events that attach something to `version`, in order. [`Registry::attachment`] reads what they attach.
     pub fn attachments(&self, version: &ModelVersion) -> Result<Vec<Event>> {
-        Ok(self.events(version)?.into_iter().filter(|event| event.attached().is_some()).collect())
+        Ok(self.events(version)?.into_iter().filter(|event| event.attached.is_some()).collect())
     }
 
     /// Reads what `event`, one of the [`attachments`](Self::attachments) of `version`, attaches, and verifies it. Returns `None`
     /// for a kind of attachment that this program does not know.
     pub fn attachment(&self, version: &ModelVersion, event: &Event) -> Result<Option<Attachment>> {
-        let Some(attached) = event.attached() else { return Ok(None) };
-        let log = Log::of_version(&version.name, version.version);
+        let Some(attached) = &event.attached else { return Ok(None) };
+        let log = Log::of_version(version);
         let bytes = self.store.document(&log.affected(), attached.digest)?;
         let malformed = |reason| log.problem(event.number, Fault::Malformed { reason }).into();
         Attachment::parse(&attached.media_type, &bytes).map_err(malformed)
@@ -185,7 +185,7 @@ impl Registry {
         Ok(self.metrics(version)?.into_iter().map(|(name, metric)| (name, metric.value)).collect())
     }
 
-    /// Returns the event that attaches a valid signature of `version` with the owner's `key`. Fails with [`Error::Refused`] if
+    /// Returns the event that attaches a valid signature of `version` with the owner's `key`. Fails with [`Error::NotFound`] if
     /// there is none.
     pub fn signature_by(&self, version: &ModelVersion, key: &PublicKey) -> Result<Event> {
         let files = SignedFiles::of_version(version);
@@ -206,14 +206,14 @@ impl Registry {
             0 => "no signature is attached; `model sign` attaches one".to_owned(),
             count => format!("none of {count} signatures is valid; {}", found.join("; ")),
         };
-        Err(Error::refused(version, format!("not signed with this key: {reason}")))
+        Err(Error::NotFound(format!("{version} is not signed with this key: {reason}")))
     }
 }
 
 /// Returns the events that attach something of this media type.
 fn of_type<'a>(events: &'a [Event], media_type: &str) -> impl DoubleEndedIterator<Item = &'a Event> {
     let is_of_type = move |attached: &Descriptor| attached.media_type == media_type;
-    events.iter().filter(move |event| event.attached().is_some_and(is_of_type))
+    events.iter().filter(move |event| event.attached.as_ref().is_some_and(is_of_type))
 }
 
 #[cfg(test)]
@@ -319,7 +319,7 @@ mod tests {
                 }
             });
             let events = registry.attachments(version).unwrap();
-            let contents: BTreeSet<_> = events.iter().map(|e| e.attached().unwrap().digest).collect();
+            let contents: BTreeSet<_> = events.iter().map(|e| e.attached.as_ref().unwrap().digest).collect();
             assert_eq!((events.len(), contents.len(), new.into_inner()), (10, 10, 10));
             assert!(registry.verify(None).unwrap().problems.is_empty());
         }
@@ -360,7 +360,7 @@ mod tests {
         for logged in registry.attachments(&version).unwrap() {
             let pointer = pointer_key(LOG, logged.number);
             let event = blob_key(registry.store.follow("", &pointer).unwrap().1);
-            let blob = blob_key(logged.attached().unwrap().digest);
+            let blob = blob_key(logged.attached.as_ref().unwrap().digest);
             for object in [&pointer, &event, &blob] {
                 let intact = fs::read(root.join(object)).unwrap();
                 for position in (0..intact.len()).step_by(17) {
@@ -418,11 +418,11 @@ mod tests {
     fn events_in_the_wrong_log_are_refused() {
         let place = Place::local();
         let (registry, version) = with_attachments(&place);
-        let (events, log) = (registry.events(&version).unwrap(), Log::of_version(&version.name, 1));
-        let (_, previous) = registry.event(&log, 3).unwrap();
+        let (events, log) = (registry.events(&version).unwrap(), Log::of_version(&version));
+        let previous = registry.event(&log, 3).unwrap().digest;
         let other = Target { version: 2, ..version.target() };
-        for kind in [EventKind::AliasRemoved, EventKind::Yanked { target: other }] {
-            let wrong = Event { number: 4, previous: Some(previous), kind, ..events[0].clone() };
+        for (kind, target) in [(EventKind::AliasRemoved, None), (EventKind::Yanked, Some(other))] {
+            let wrong = Event { number: 4, previous, kind, target, attached: None, ..events[0].clone() };
             let bytes = crate::events::encode(&wrong).unwrap();
             let digest = registry.store.put_blob(bytes).unwrap();
             assert!(registry.store.point(&log.folder, 4, digest).unwrap());
@@ -439,7 +439,7 @@ mod tests {
         let place = Place::local();
         let (registry, version) = with_attachments(&place);
         let entry = registry.attachments(&version).unwrap().remove(0);
-        flip(&place.path("registry"), &blob_key(entry.attached().unwrap().digest));
+        flip(&place.path("registry"), &blob_key(entry.attached.as_ref().unwrap().digest));
         assert_eq!(registry.verify(None).unwrap().problems.len(), 1);
         assert!(matches!(attach(&registry, &version, 0.5), Outcome::AlreadyThere(_)));
         assert!(registry.verify(None).unwrap().problems.is_empty());
@@ -510,7 +510,7 @@ mod tests {
         let registry = place.registry();
         let version = place.publish(&registry, "approach", b"one");
         let attached = registry.attach(&version, &evaluation("x", 1.0), &Note::default()).unwrap();
-        let digest = attached.value().attached().unwrap().digest;
+        let digest = attached.value().attached.as_ref().unwrap().digest;
         flip(&place.path("registry"), &blob_key(digest));
         assert!(matches!(registry.metrics(&version), Err(Error::Damaged(_))));
         registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).unwrap();

@@ -235,7 +235,7 @@ mod tests {
         fs::write(published.join("weights.safetensors"), &weights).unwrap();
         let refusal =
             place.registry().publish(&model("lying"), &published, Provenance::default()).unwrap_err();
-        assert!(refusal.to_string().contains("weights.safetensors: is not a safetensors file"), "{refusal}");
+        assert!(refusal.to_string().contains("weights.safetensors is not a safetensors file"), "{refusal}");
         assert_eq!(place.registry().list().unwrap().len(), 1);
     }
 

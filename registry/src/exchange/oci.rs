@@ -66,8 +66,9 @@ impl Registry {
     /// file are first verified against their digests.
     pub fn import_oci(&self, name: &ModelName, folder: &Path) -> Result<Outcome<ModelVersion>> {
         let import = Import::open(folder)?;
-        if read(&import, LAYOUT)?["imageLayoutVersion"] != LAYOUT_VERSION {
-            let reason = format!("is not that of version {LAYOUT_VERSION}, which this program reads");
+        let version = &read(&import, LAYOUT)?["imageLayoutVersion"];
+        if version != LAYOUT_VERSION {
+            let reason = format!("has version {version}, this program reads {LAYOUT_VERSION}");
             return Err(import.refuse(LAYOUT, reason));
         }
         let manifests = Vec::<Descriptor>::deserialize(&read(&import, INDEX)?["manifests"]);

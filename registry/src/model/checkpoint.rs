@@ -24,10 +24,9 @@ pub(crate) fn open(root: &Path, ignored: &[&str]) -> Result<(Store, Vec<String>)
     }
     let mut paths: Vec<_> =
         found.objects.into_iter().map(|object| object.key).filter(|key| is_part(key)).collect();
-    let is_empty = |folder: &&String| !paths.iter().any(|path| path.starts_with(&format!("{folder}/")));
-    let folders = found.folders.iter().filter(|folder| is_part(folder));
-    if let Some(empty) = folders.clone().find(is_empty).or(found.folders.first().filter(|_| paths.is_empty()))
-    {
+    let is_empty = |folder: &&str| !paths.iter().any(|path| path.starts_with(&format!("{folder}/")));
+    let mut folders = found.folders.iter().map(String::as_str).filter(|folder| is_part(folder));
+    if let Some(empty) = folders.find(is_empty).or(paths.is_empty().then_some("")) {
         let reason = "the folder is empty; each folder of a checkpoint needs a file";
         return Err(Error::refused(&root.join(empty).display(), reason));
     }

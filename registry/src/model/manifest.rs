@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::checkpoint::check_paths;
-use super::name::ModelName;
+use super::reference::ModelName;
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::event::{Note, Target};
 use super::manifest::Manifest;
-use super::name::ModelName;
+use super::reference::ModelName;
 use crate::digest::Digest;
 
 /// A published version, with its manifest verified.

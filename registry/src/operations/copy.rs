@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::model::{EventKind, ModelVersion};
+use crate::events::yank::last_yank;
+use crate::model::ModelVersion;
 use crate::operations::publish::check_weights;
 use crate::registry::{Registry, blob_problem};
 use crate::store::blob_key;
@@ -45,15 +46,13 @@ impl Registry {
         let (is_new, mut copied) = (copied.is_new(), copied.value().clone());
         let mut attachments = 0;
         for event in self.attachments(version)? {
-            let Some(attached) = event.attached() else { continue };
+            let Some(attached) = &event.attached else { continue };
             let bytes = self.store.document(&format!("{version}/events"), attached.digest)?;
             attachments += usize::from(to.attach_bytes(&copied, attached, &bytes, &event.note)?.is_new());
         }
-        let is_yank =
-            |kind: &EventKind| matches!(kind, EventKind::Yanked { .. } | EventKind::Unyanked { .. });
         let mut yanked = false;
         if let Some(note) = &version.yanked
-            && !to.events(&copied)?.iter().any(|event| is_yank(&event.kind))
+            && last_yank(&to.events(&copied)?).is_none()
         {
             yanked = to.yank(&copied, note)?.is_some();
             copied = to.with_yank(copied)?;

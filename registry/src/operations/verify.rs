@@ -40,7 +40,7 @@ impl Registry {
             Some(reference) => {
                 let (name, number) = (&reference.name, self.find(reference)?);
                 let versions = [(number, verifier.version(name, number))].into();
-                let log = Log::of_version(name, number);
+                let log = Log::of_number(name, number);
                 let events = self.store.numbers(&log.folder)?;
                 verifier.log(&log, events.last().copied().unwrap_or(0), &versions);
             }
@@ -75,7 +75,7 @@ type Versions = BTreeMap<u64, Option<Digest>>;
 
 /// Describes what is wrong if `event` refers to none of `versions`.
 fn wrong_target(event: &Event, versions: &Versions) -> Option<Fault> {
-    let target = event.target()?;
+    let target = event.target?;
     let reason = match versions.get(&target.version) {
         None => format!("it refers to version {}, which does not exist", target.version),
         Some(Some(digest)) if *digest != target.digest => {
@@ -169,14 +169,14 @@ impl Verifier<'_> {
         for number in 1..=last {
             self.result.events += 1;
             match self.registry.event(log, number) {
-                Ok((event, digest)) => {
-                    if let Some(attached) = event.attached() {
+                Ok(event) => {
+                    if let Some(attached) = &event.attached {
                         self.blob(&log.affected(), attached);
                     }
                     let broken = previous.and_then(|previous| broken_chain(&event, previous));
                     let fault = broken.or_else(|| wrong_target(&event, versions));
                     self.result.problems.extend(fault.map(|fault| log.problem(number, fault)));
-                    previous = Some(Some(digest));
+                    previous = Some(event.digest);
                 }
                 Err(error) => {
                     previous = None;

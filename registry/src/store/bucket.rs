@@ -8,10 +8,11 @@ use object_store::{ClientConfigKey, ObjectStore};
 
 use crate::error::{Error, Result};
 
-/// Opens `prefix` in `bucket`. `root` is the location for messages. Region, credentials and endpoint come from the environment
+/// Opens `BUCKET` or `BUCKET/PREFIX`. `root` is the location for messages. Region, credentials and endpoint come from the environment
 /// (`AWS_REGION`, `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_ENDPOINT_URL`,
 /// `AWS_ALLOW_HTTP`, ...).
-pub(super) fn open(bucket: &str, prefix: &str, root: &str) -> Result<Arc<dyn ObjectStore>> {
+pub(super) fn open(place: &str, root: &str) -> Result<Arc<dyn ObjectStore>> {
+    let (bucket, prefix) = place.split_once('/').unwrap_or((place, ""));
     connect(AmazonS3Builder::from_env().with_bucket_name(bucket), prefix, root)
 }
 

@@ -137,8 +137,8 @@ impl Store {
                 Ok(Self { folder: Some(folder.clone()), ..Self::new(objects, root) })
             }
             #[cfg(feature = "s3")]
-            Location::Bucket { bucket, prefix } => {
-                let objects = bucket::open(bucket, prefix, &root)?;
+            Location::Bucket(place) => {
+                let objects = bucket::open(place, &root)?;
                 let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
                 let runtime = runtime.map_err(Error::io("start a runtime for", Path::new(&root)))?;
                 Ok(Self { runtime: Some(Arc::new(runtime)), ..Self::new(objects, root) })
