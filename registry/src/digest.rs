@@ -9,7 +9,7 @@ use sha2::{Digest as _, Sha256};
 /// SHA-256 of some content, written as `sha256:` and 64 lower-case hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Digest([u8; 32]);
+pub struct Digest(pub(crate) [u8; 32]);
 
 /// A text that is not a digest.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -20,11 +20,6 @@ impl Digest {
     /// Computes the digest of `content`.
     pub fn of(content: &[u8]) -> Self {
         Fingerprint::of([content]).digest
-    }
-
-    /// Returns the 32 bytes.
-    pub(crate) fn bytes(&self) -> &[u8; 32] {
-        &self.0
     }
 
     /// Returns the 64 hexadecimal digits alone.

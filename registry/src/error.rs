@@ -1,7 +1,7 @@
 //! Errors, worded for the person who can act on them.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::problem::Problem;
 
@@ -29,51 +29,33 @@ pub enum Error {
         reason: String,
     },
     /// There is no registry at this location.
-    #[error("there is no registry at `{root}` (create one with `model init`)")]
-    NoRegistry {
-        /// The location.
-        root: String,
-    },
+    #[error("there is no registry at `{0}` (create one with `model init`)")]
+    NoRegistry(String),
     /// There is no such model, version, alias or signature. The message lists what there is.
     #[error("{0}")]
     NotFound(String),
     /// A precondition does not hold.
-    #[error("{subject} is {}; nothing was changed", found.map_or("unset".into(), |number| format!("version {number}")))]
-    Conflict {
-        /// The alias, as `approach:champion`.
-        subject: String,
-        /// Number of the version that it names now.
-        found: Option<u64>,
-    },
+    #[error("{0}; nothing was changed")]
+    Conflict(String),
     /// The registry is damaged: an object is not what was published.
     #[error("{0}{remedy}", remedy = .0.fault.remedy())]
     Damaged(Box<Problem>),
-    /// A local file or folder could not be read or written.
-    #[error("{}: cannot {action}: {source}", path.display())]
-    Io {
-        /// The attempted action.
-        action: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: std::io::Error,
-    },
-    /// An object of the registry could not be read or written.
+    /// A file, a folder or an object could not be read or written.
     #[error("{place}: cannot {action}: {source}")]
-    Store {
+    Failed {
         /// The attempted action.
         action: &'static str,
-        /// Location of the registry, and key of the object in it.
+        /// The file or folder, or the location of the registry and the key of the object in it.
         place: String,
-        /// The store's answer.
-        source: object_store::Error,
+        /// The answer of the system or the store.
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
 }
 
 impl Error {
     /// Wraps a failed operation on a local file or folder, for `map_err`.
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::Io { action, path: path.to_owned(), source }
+        move |source| Self::Failed { action, place: path.display().to_string(), source: source.into() }
     }
 
     /// Refuses something about `subject`.

@@ -48,7 +48,7 @@ impl Place {
     }
 
     pub(crate) fn location(&self) -> Location {
-        Location::from(&self.path("registry"))
+        Location::from(self.path("registry").as_path())
     }
 
     pub(crate) fn store(&self) -> Store {

@@ -6,9 +6,10 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path};
 
-use crate::events::{Log, encode};
+use crate::events::Log;
 use crate::model::{Event, Manifest, ModelRef, Selector};
 use crate::signature::{PublicKey, Signature, SignedFiles, parse_statement};
+use crate::store::sequence::encode;
 
 /// A reference has one spelling, and reads back as the same.
 pub fn reference(data: &[u8]) -> bool {
@@ -45,7 +46,7 @@ pub fn event(data: &[u8]) -> bool {
         _ => return false,
     };
     let Ok(parsed) = log.parse(data, number) else { return false };
-    let Ok(bytes) = encode(&parsed) else { return false };
+    let Ok(bytes) = encode(&parsed.subject, &parsed) else { return false };
     assert_eq!(log.parse(&bytes, number), Ok(parsed));
     true
 }

@@ -28,7 +28,7 @@ pub(crate) fn versions_key(name: &ModelName) -> String {
 impl Registry {
     /// Opens the registry at `location`.
     pub fn open(location: &Location) -> Result<Self> {
-        let missing = || Error::NoRegistry { root: location.to_string() };
+        let missing = || Error::NoRegistry(location.to_string());
         if location.folder().is_some_and(|folder| !folder.is_dir()) {
             return Err(missing());
         }
@@ -62,9 +62,10 @@ impl Registry {
         // Others may be creating this registry at the same time.
         let is_foreign = |key: &String| !key.starts_with(PROBE) && !is_staged(key);
         if let Some(found) = listing.folders.into_iter().chain(objects).find(is_foreign) {
-            return Err(registry.unusable(format!(
+            let reason = format!(
                 "the folder holds `{found}` but no {MARKER}; choose an empty or new folder for the registry"
-            )));
+            );
+            return Err(Error::refused(&registry.store.root, reason));
         }
         registry.probe()?;
         registry.store.create(MARKER, FORMAT.into())?;
@@ -77,17 +78,16 @@ impl Registry {
         match self.store.read(MARKER)? {
             None => Ok(false),
             Some(bytes) if bytes == FORMAT.as_bytes() => Ok(true),
-            Some(bytes) => Err(self.unusable(format!(
-                "the format in {MARKER} is `{}`, and this program reads `{}`. Export the models with the program that wrote \
+            Some(bytes) => Err(Error::refused(
+                &self.store.root,
+                format!(
+                    "the format in {MARKER} is `{}`, and this program reads `{}`. Export the models with the program that wrote \
                  them, and import them into a new registry",
-                String::from_utf8_lossy(&bytes[..bytes.len().min(100)]).trim_end().escape_debug(),
-                FORMAT.trim_end()
-            ))),
+                    String::from_utf8_lossy(&bytes[..bytes.len().min(100)]).trim_end().escape_debug(),
+                    FORMAT.trim_end()
+                ),
+            )),
         }
-    }
-
-    fn unusable(&self, reason: String) -> Error {
-        Error::refused(&self.store.root(), reason)
     }
 
     /// Returns the names of all models.
@@ -107,7 +107,7 @@ impl Registry {
         if !versions.is_empty() {
             return Ok(versions);
         }
-        let (root, known) = (self.store.root(), listed(self.names()?.iter()));
+        let (root, known) = (&self.store.root, listed(self.names()?.iter()));
         Err(Error::NotFound(format!("there is no model `{name}` in the registry `{root}`; it has: {known}")))
     }
 
@@ -122,7 +122,7 @@ impl Registry {
             let reason = format!("it names a version of `{}`", manifest.name());
             return Err(Fault::Malformed { reason }.of(&model, &key).into());
         }
-        Ok(ModelVersion { name: name.clone(), version: number, digest, manifest, yanked: None })
+        Ok(ModelVersion::new(name, number, digest, manifest))
     }
 }
 
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn opens_registries_only() {
         let place = Place::local();
-        let (root, location) = (place.path("registry"), Location::from(&place.path("registry")));
+        let (root, location) = (place.path("registry"), place.location());
         assert!(matches!(Registry::open(&location), Err(Error::NoRegistry { .. })));
         Registry::init(&location).unwrap();
         Registry::init(&location).unwrap();
@@ -160,7 +160,7 @@ mod tests {
         }
 
         let occupied = place.checkpoint("runs", b"w");
-        let refusal = Registry::init(&(&occupied).into()).unwrap_err().to_string();
+        let refusal = Registry::init(&occupied.as_path().into()).unwrap_err().to_string();
         assert!(refusal.contains("empty or new folder"), "{refusal}");
         assert!(!occupied.join(MARKER).exists());
     }

@@ -6,6 +6,7 @@
 //! the Python package `model-signing`.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 use std::path::Path;
 
 use base64::Engine as _;
@@ -94,7 +95,7 @@ impl SignedFiles {
 
     /// Verifies that `signature` was made with the private key of `key`, over exactly these files. The name may differ.
     pub fn verify(&self, signature: &Signature, key: &PublicKey) -> Result<()> {
-        let payload = signature.payload().map_err(invalid)?;
+        let payload = signature.payload()?;
         if !signature.is_by(key, &payload) {
             let hint = signature.key_hint().unwrap_or_else(|| "unknown".to_owned());
             return Err(invalid(format!(
@@ -108,11 +109,11 @@ impl SignedFiles {
 
     /// Checks that `signature` is over exactly these files, with whatever key.
     pub(crate) fn check_signed_by(&self, signature: &Signature) -> Result<()> {
-        self.compare(&signature.payload().map_err(invalid)?)
+        self.compare(&signature.payload()?)
     }
 
     fn compare(&self, payload: &[u8]) -> Result<()> {
-        let signed = parse_statement(payload).map_err(invalid)?;
+        let signed = parse_statement(payload)?;
         let paths: BTreeSet<_> = signed.keys().chain(self.files.keys()).collect();
         let differs = |path: &&String| signed.get(*path) != self.files.get(*path);
         let Some(path) = paths.into_iter().find(differs) else { return Ok(()) };
@@ -133,14 +134,12 @@ pub struct Signature {
 impl Signature {
     /// Parses a Sigstore bundle.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let refuse = |error: &dyn std::fmt::Display| {
-            invalid(format!("it is not a Sigstore bundle with a DSSE envelope: {error}"))
-        };
+        let refuse = |error: &dyn Display| invalid(format!("it is not a Sigstore bundle: {error}"));
         // The JSON reader does not check the encoding of texts that it skips.
         let text = std::str::from_utf8(bytes).map_err(|error| refuse(&error))?;
         let bundle: Value = serde_json::from_str(text).map_err(|error| refuse(&error))?;
         for required in ["/mediaType", "/dsseEnvelope/payload", "/dsseEnvelope/payloadType"] {
-            string(&bundle, required).map_err(|error| refuse(&error))?;
+            string(&bundle, required)?;
         }
         Ok(Self { text: text.to_owned(), bundle })
     }
@@ -158,11 +157,11 @@ impl Signature {
     }
 
     /// Decodes what was signed.
-    fn payload(&self) -> std::result::Result<Vec<u8>, String> {
+    fn payload(&self) -> Result<Vec<u8>> {
         expect(&self.bundle, "/mediaType", MEDIA_TYPE)?;
         expect(&self.bundle, "/dsseEnvelope/payloadType", PAYLOAD)?;
         let payload = BASE64.decode(string(&self.bundle, "/dsseEnvelope/payload")?);
-        payload.map_err(|error| format!("its payload is not base64: {error}"))
+        payload.map_err(|error| invalid(format!("its payload is not base64: {error}")))
     }
 
     /// Returns whether one of the signatures of `payload` was made with the private key of `key`.
@@ -172,34 +171,31 @@ impl Signature {
             let der = BASE64.decode(signature.pointer("/sig")?.as_str()?).ok()?;
             key.0.verify(&signed, &ecdsa::Signature::from_der(&der).ok()?).ok()
         };
-        let signatures = self.bundle.pointer("/dsseEnvelope/signatures").and_then(Value::as_array);
-        signatures.into_iter().flatten().any(|signature| is_valid(signature).is_some())
+        array(&self.bundle, "/dsseEnvelope/signatures").iter().any(|signature| is_valid(signature).is_some())
     }
 }
 
 /// Parses an in-toto statement with the predicate of model signing: the signed files.
-pub(crate) fn parse_statement(payload: &[u8]) -> std::result::Result<BTreeMap<String, Digest>, String> {
+pub(crate) fn parse_statement(payload: &[u8]) -> Result<BTreeMap<String, Digest>> {
     let statement: Value = serde_json::from_slice(payload)
-        .map_err(|error| format!("what was signed is not a statement on a model: {error}"))?;
+        .map_err(|error| invalid(format!("what was signed is not a statement on a model: {error}")))?;
     expect(&statement, "/_type", STATEMENT)?;
     expect(&statement, "/predicateType", PREDICATE)?;
     expect(&statement, "/predicate/serialization/method", "files")?;
-    let array = |pointer: &str| statement.pointer(pointer).and_then(Value::as_array);
     let (mut digests, mut files) = (Vec::new(), BTreeMap::new());
-    for resource in array("/predicate/resources").ok_or("it has no list of resources")? {
+    for resource in array(&statement, "/predicate/resources") {
         expect(resource, "/algorithm", "sha256")?;
-        let digest: Digest = format!("sha256:{}", string(resource, "/digest")?)
-            .parse()
-            .map_err(|error: InvalidDigest| error.to_string())?;
+        let digest = format!("sha256:{}", string(resource, "/digest")?).parse();
+        let digest = digest.map_err(|error: InvalidDigest| invalid(error.to_string()))?;
         digests.push(digest);
         let name = string(resource, "/name")?;
         if files.insert(name.to_owned(), digest).is_some() {
-            return Err(format!("it names {name} twice"));
+            return Err(invalid(format!("it names {name} twice")));
         }
     }
-    let subjects = array("/subject").map_or(0, Vec::len);
+    let subjects = array(&statement, "/subject").len();
     if subjects != 1 {
-        return Err(format!("it has {subjects} subjects, expected one"));
+        return Err(invalid(format!("it has {subjects} subjects, expected one")));
     }
     expect(&statement, "/subject/0/digest/sha256", &root(&digests).hex())?;
     Ok(files)
@@ -207,7 +203,7 @@ pub(crate) fn parse_statement(payload: &[u8]) -> std::result::Result<BTreeMap<St
 
 /// Computes the SHA-256 over the digests in the order of the paths.
 fn root<'a>(digests: impl IntoIterator<Item = &'a Digest>) -> Digest {
-    Fingerprint::of(digests.into_iter().map(Digest::bytes)).digest
+    Fingerprint::of(digests.into_iter().map(|digest| digest.0)).digest
 }
 
 fn invalid(reason: String) -> Error {
@@ -218,15 +214,23 @@ fn bad_key(reason: String) -> Error {
     Error::refused(&"the key", reason)
 }
 
-/// Returns the string at a JSON pointer.
-fn string<'a>(document: &'a Value, pointer: &str) -> std::result::Result<&'a str, String> {
-    document.pointer(pointer).and_then(Value::as_str).ok_or_else(|| format!("it has no string {pointer}"))
+/// Returns the list at a JSON pointer, an empty one if there is none.
+fn array<'a>(document: &'a Value, pointer: &str) -> &'a [Value] {
+    document.pointer(pointer).and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
-fn expect(document: &Value, pointer: &str, expected: &str) -> std::result::Result<(), String> {
+/// Returns the string at a JSON pointer.
+fn string<'a>(document: &'a Value, pointer: &str) -> Result<&'a str> {
+    document
+        .pointer(pointer)
+        .and_then(Value::as_str)
+        .ok_or_else(|| invalid(format!("it has no string {pointer}")))
+}
+
+fn expect(document: &Value, pointer: &str, expected: &str) -> Result<()> {
     match string(document, pointer)? {
         found if found == expected => Ok(()),
-        found => Err(format!("{pointer} is `{found}`, expected `{expected}`")),
+        found => Err(invalid(format!("{pointer} is `{found}`, expected `{expected}`"))),
     }
 }
 
@@ -382,7 +386,7 @@ mod tests {
         let other = PrivateKey(ecdsa::SigningKey::from_slice(&[7; 32]).unwrap());
         let other = PublicKey::from_pem(&other.public_pem().unwrap()).unwrap();
         assert!(files.verify(&signature, &other).is_err());
-        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("not a Sigstore bundle"));
+        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("no string /mediaType"));
     }
 
     /// Otherwise, the attached bytes would differ from the signed ones.

@@ -183,7 +183,7 @@ impl Reproduction<'_> {
         for (name, config) in &training {
             trained.insert(name.clone(), self.network(name, config, &folders)?);
         }
-        let location = Location::from(&self.out.join("registry"));
+        let location = Location::from(self.out.join("registry").as_path());
         let registry = Registry::init(&location)?;
         let published = publish(&registry, &location, &trained)?;
         let (mut evaluated, mut judged) = (Vec::new(), BTreeSet::new());

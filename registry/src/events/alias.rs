@@ -69,8 +69,8 @@ impl Registry {
         self.record(log, log.draft(kind, target, note), &|events| {
             let current = events.last().and_then(|event| event.target);
             if !precondition.holds(current) {
-                let found = current.map(|target| target.version);
-                return Err(Error::Conflict { subject: log.subject.clone(), found });
+                let found = current.map_or("unset".into(), |target| format!("version {}", target.version));
+                return Err(Error::Conflict(format!("{} is {found}", log.subject)));
             }
             Ok(current != target)
         })

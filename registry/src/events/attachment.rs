@@ -14,7 +14,7 @@ use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::Registry;
 use crate::signature::{self, PublicKey, Signature, SignedFiles};
-use crate::store::DOCUMENT_LIMIT;
+use crate::store::sequence::encode;
 
 /// Media type of an evaluation.
 const EVALUATION: &str = "application/vnd.flowservo.evaluation.v1+json";
@@ -39,16 +39,6 @@ pub struct Metric {
     pub attachment: Option<u64>,
 }
 
-impl Evaluation {
-    /// Refuses an empty evaluation, and values that JSON cannot represent.
-    pub(crate) fn check(&self, version: &ModelVersion) -> Result<()> {
-        if self.metrics.is_empty() {
-            return Err(Error::refused(version, "the evaluation has no metrics"));
-        }
-        check_finite(&self.metrics)
-    }
-}
-
 /// Refuses values that JSON cannot represent.
 pub(crate) fn check_finite(metrics: &BTreeMap<String, f64>) -> Result<()> {
     match metrics.iter().find(|(_, value)| !value.is_finite()) {
@@ -71,44 +61,34 @@ pub enum Attachment {
 }
 
 impl Attachment {
-    fn media_type(&self) -> &'static str {
+    /// Returns the media type and the bytes. Refuses an attachment that does not belong to `version`.
+    fn encode(&self, version: &ModelVersion) -> Result<(&'static str, Vec<u8>)> {
         match self {
-            Self::Signature(_) => signature::MEDIA_TYPE,
-            Self::Evaluation(_) => EVALUATION,
-        }
-    }
-
-    /// Serializes the attachment. Refuses one that does not belong to `version`.
-    fn to_bytes(&self, version: &ModelVersion) -> Result<Vec<u8>> {
-        let bytes = match self {
             Self::Signature(signature) => {
                 SignedFiles::of_version(version).check_signed_by(signature)?;
-                signature.as_str().as_bytes().to_owned()
+                Ok((signature::MEDIA_TYPE, signature.as_str().into()))
+            }
+            Self::Evaluation(evaluation) if evaluation.metrics.is_empty() => {
+                Err(Error::refused(version, "the evaluation has no metrics"))
             }
             Self::Evaluation(evaluation) => {
-                evaluation.check(version)?;
-                let text = serde_json::to_string_pretty(evaluation);
-                format!("{}\n", text.map_err(|error| Error::refused(version, error.to_string()))?)
-                    .into_bytes()
+                check_finite(&evaluation.metrics)?;
+                Ok((EVALUATION, encode(version, evaluation)?))
             }
-        };
-        if bytes.len() as u64 > DOCUMENT_LIMIT {
-            let reason = format!("the attachment has {} bytes, more than {DOCUMENT_LIMIT}", bytes.len());
-            return Err(Error::refused(version, reason));
         }
-        Ok(bytes)
     }
 
     /// Parses an attachment. Returns `None` for an unknown media type.
     fn parse(media_type: &str, bytes: &[u8]) -> std::result::Result<Option<Self>, String> {
-        let attachment = match media_type {
+        Ok(match media_type {
             signature::MEDIA_TYPE => {
-                Self::Signature(Signature::parse(bytes).map_err(|error| error.to_string())?)
+                Some(Self::Signature(Signature::parse(bytes).map_err(|error| error.to_string())?))
             }
-            EVALUATION => Self::Evaluation(serde_json::from_slice(bytes).map_err(|error| error.to_string())?),
-            _ => return Ok(None),
-        };
-        Ok(Some(attachment))
+            EVALUATION => {
+                Some(Self::Evaluation(serde_json::from_slice(bytes).map_err(|error| error.to_string())?))
+            }
+            _ => None,
+        })
     }
 }
 
@@ -122,8 +102,8 @@ impl Registry {
         attachment: &Attachment,
         note: &Note,
     ) -> Result<Outcome<Event>> {
-        let bytes = attachment.to_bytes(version)?;
-        self.attach_bytes(version, &Descriptor::document(attachment.media_type(), &bytes), &bytes, note)
+        let (media_type, bytes) = attachment.encode(version)?;
+        self.attach_bytes(version, &Descriptor::document(media_type, &bytes), &bytes, note)
     }
 
     /// Attaches `bytes`, which `attached` describes.
@@ -135,7 +115,7 @@ impl Registry {
         note: &Note,
     ) -> Result<Outcome<Event>> {
         // A damaged blob is repaired, even if it is attached already.
-        self.store.put_blob(bytes.to_owned())?;
+        self.store.put_document(version, bytes)?;
         let log = Log::of_version(version);
         let is_same = |event: &Event| event.attached.as_ref() == Some(attached);
         if let Some(event) = self.history(&log)?.into_iter().find(is_same) {
@@ -226,6 +206,7 @@ mod tests {
     use crate::events::alias::Precondition;
     use crate::fixture::{Place, evaluation, flip, key, model};
     use crate::model::{Provenance, Target};
+    use crate::store::DOCUMENT_LIMIT;
     use crate::store::blob_key;
     use crate::store::sequence::pointer_key;
 
@@ -423,7 +404,7 @@ mod tests {
         let other = Target { version: 2, ..version.target() };
         for (kind, target) in [(EventKind::AliasRemoved, None), (EventKind::Yanked, Some(other))] {
             let wrong = Event { number: 4, previous, kind, target, attached: None, ..events[0].clone() };
-            let bytes = crate::events::encode(&wrong).unwrap();
+            let bytes = encode(&wrong.subject, &wrong).unwrap();
             let digest = registry.store.put_blob(bytes).unwrap();
             assert!(registry.store.point(&log.folder, 4, digest).unwrap());
             let refusal = registry.attachments(&version).unwrap_err().to_string();

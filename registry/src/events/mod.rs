@@ -5,12 +5,12 @@
 //! it. A log cannot tell that its last events were removed.
 
 use crate::digest::Digest;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::model::{AliasName, Event, EventKind, ModelName, ModelVersion, Note, Target};
 use crate::problem::{Fault, Problem};
 use crate::registry::Registry;
 use crate::store::MODELS;
-use crate::store::sequence::{parse_number, pointer_key};
+use crate::store::sequence::{encode, parse_number, pointer_key};
 
 pub(crate) mod alias;
 pub(crate) mod attachment;
@@ -109,7 +109,7 @@ pub(crate) fn broken_chain(event: &Event, previous: Option<Digest>) -> Option<Fa
 }
 
 impl Registry {
-    /// Reads event `number`. Fails with [`Error::Damaged`] if it is not the one that was recorded.
+    /// Reads event `number`. Fails with [`crate::Error::Damaged`] if it is not the one that was recorded.
     pub(crate) fn event(&self, log: &Log, number: u64) -> Result<Event> {
         let (bytes, digest) = self.store.follow(&log.affected(), &pointer_key(&log.folder, number))?;
         let event = log.parse(&bytes, number);
@@ -165,7 +165,7 @@ impl Registry {
         while is_due(&known)? {
             event.number = known.last().map_or(0, |last| last.number) + 1;
             event.previous = known.last().and_then(|last| last.digest);
-            let digest = self.store.put_document(&log.subject, &encode(&event)?)?;
+            let digest = self.store.put_document(&log.subject, &encode(&log.subject, &event)?)?;
             if self.store.point(&log.folder, event.number, digest)? {
                 return Ok(Some(Event { digest: Some(digest), ..event }));
             }
@@ -175,19 +175,12 @@ impl Registry {
     }
 }
 
-/// Serializes an event.
-pub(crate) fn encode(event: &Event) -> Result<Vec<u8>> {
-    let bytes = serde_json::to_vec_pretty(event);
-    let mut bytes = bytes.map_err(|error| Error::refused(&event.subject, error.to_string()))?;
-    bytes.push(b'\n');
-    Ok(bytes)
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
 
     use super::*;
+    use crate::error::Error;
     use crate::events::alias::Precondition;
     use crate::fixture::{Place, flip, model};
 
@@ -319,7 +312,7 @@ mod tests {
         let mut other = registry.event(&log(), 2).unwrap();
         other.target = Some(version(7).target());
         fs::remove_file(path(2)).unwrap();
-        let digest = registry.store.put_blob(encode(&other).unwrap()).unwrap();
+        let digest = registry.store.put_blob(encode(&other.subject, &other).unwrap()).unwrap();
         assert!(registry.store.point(&log().folder, 2, digest).unwrap());
         let broken = registry.history(&log()).unwrap_err().to_string();
         assert!(broken.contains("000003") && broken.contains("the previous event"), "{broken}");

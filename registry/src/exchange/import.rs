@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Manifest, ModelName, ModelVersion, model_config};
+use crate::operations::gc::References;
 use crate::operations::publish::check_weights;
 use crate::outcome::Outcome;
 use crate::problem::Fault;
@@ -70,7 +71,7 @@ impl<'a> Import<'a> {
             self.verify(&key, layer)?;
             check_weights(&self.store, &key, layer.path().unwrap_or_default())?;
         }
-        let mut references = None;
+        let mut references = References::default();
         for layer in &manifest.layers {
             self.located(registry.transfer(&self.store, &locate(layer), layer, &mut references))?;
         }
@@ -143,7 +144,7 @@ mod tests {
 
     /// Asserts that nothing is published or stored, and that the error states why.
     fn refused(place: &Place, format: &str, reason: &str) {
-        let registry = Registry::init(&(&place.path("other")).into()).unwrap();
+        let registry = Registry::init(&place.path("other").as_path().into()).unwrap();
         let name = model("approach");
         let folder = place.path(format);
         let imported = if format == "oci" {
@@ -264,10 +265,10 @@ mod tests {
             refused(&place, format, "is a symbolic link");
             fs::remove_file(place.path(&file)).unwrap();
             assert!(std::process::Command::new("mkfifo").arg(place.path(&file)).status().unwrap().success());
-            refused(&place, format, "is neither a file nor a folder");
+            refused(&place, format, "special file");
             fs::rename(place.path("elsewhere"), place.path(&file)).unwrap();
         }
-        let other = Registry::init(&(&place.path("other")).into()).unwrap();
+        let other = Registry::init(&place.path("other").as_path().into()).unwrap();
         other.import_oci(&model("approach"), &oci).unwrap();
         other.import_huggingface(&model("hub"), &place.path("huggingface")).unwrap();
     }

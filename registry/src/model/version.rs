@@ -26,6 +26,11 @@ pub struct ModelVersion {
 }
 
 impl ModelVersion {
+    /// Creates a version that is not yanked.
+    pub(crate) fn new(name: &ModelName, version: u64, digest: Digest, manifest: Manifest) -> Self {
+        Self { name: name.clone(), version, digest, manifest, yanked: None }
+    }
+
     /// Returns what events record of this version.
     pub(crate) fn target(&self) -> Target {
         Target { version: self.version, digest: self.digest }

@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::error::{Error, Result};
 use crate::events::yank::last_yank;
 use crate::model::ModelVersion;
+use crate::operations::gc::References;
 use crate::operations::publish::check_weights;
 use crate::registry::{Registry, blob_problem};
 use crate::store::blob_key;
@@ -30,7 +31,7 @@ impl Registry {
     /// of the model there, since numbers have no gaps. Copying again adds only what is missing, also after an interruption. A
     /// yank, or its reversal, that was recorded in the other registry is left as it is.
     pub fn copy(&self, version: &ModelVersion, to: &Registry) -> Result<Copied> {
-        let mut references = None;
+        let mut references = References::default();
         for blob in version.manifest.blobs() {
             let key = blob_key(blob.digest);
             // This registry may be somebody else's.

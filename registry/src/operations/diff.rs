@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::digest::Digest;
 use crate::error::{Error, Result};
@@ -68,7 +68,8 @@ impl Registry {
             MetricChange { metric, from, to, difference }
         });
         let metrics = metrics.collect();
-        let lineage = changes(lineage(&from)?, lineage(&to)?);
+        let lineage = |version: &ModelVersion| flattened(json!(version.manifest.lineage));
+        let lineage = changes(lineage(&from), lineage(&to));
         let files = changes(from.manifest.files(), to.manifest.files());
         Ok(Difference { from, to, configuration, metrics, lineage, files })
     }
@@ -82,11 +83,6 @@ impl Registry {
         let text = String::from_utf8(bytes).map_err(|error| refuse(&error))?;
         Ok(flattened(toml::from_str(&text).map_err(|error| refuse(&error))?))
     }
-}
-
-fn lineage(version: &ModelVersion) -> Result<BTreeMap<String, Value>> {
-    let document = serde_json::to_value(&version.manifest.lineage);
-    document.map(flattened).map_err(|error| Error::refused(version, error.to_string()))
 }
 
 /// Returns the values of a document by path, as `phases.0.epochs`. A list of scalars is one value.

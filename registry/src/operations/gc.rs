@@ -98,15 +98,8 @@ pub(crate) struct References {
 }
 
 impl References {
-    /// Reads all references.
-    pub(crate) fn of(store: &Store) -> Result<Self> {
-        let mut references = Self::default();
-        references.update(store)?;
-        Ok(references)
-    }
-
     /// Reads the objects that have appeared. Returns all objects of models.
-    fn update(&mut self, store: &Store) -> Result<Listing> {
+    pub(crate) fn update(&mut self, store: &Store) -> Result<Listing> {
         let models = store.walk(MODELS)?.checked()?;
         for Object { key, .. } in &models.objects {
             if self.read.contains(key) || is_staged(key) {

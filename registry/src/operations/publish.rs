@@ -40,7 +40,7 @@ impl Registry {
         for path in &paths {
             check_weights(&from, path, path)?;
         }
-        let mut references = None;
+        let mut references = References::default();
         let mut layers = Vec::new();
         let mut expected = provenance.expected.clone();
         for path in paths {
@@ -70,21 +70,19 @@ impl Registry {
     ) -> Result<Outcome<ModelVersion>> {
         let folder = versions_key(name);
         let digest = self.store.put_document(name, bytes)?;
-        let (mut examined, mut taken) = (0, 0);
+        let mut taken = 0;
         loop {
             let numbers = self.versions(name)?;
-            let newer = &numbers[numbers.partition_point(|&number| number <= examined)..];
+            let newer = &numbers[numbers.partition_point(|&number| number < taken)..];
             if let Some(version) = self.same(name, newer, is_same)? {
                 return Ok(Outcome::AlreadyThere(self.with_yank(version)?));
             }
             let number = numbers.last().copied().unwrap_or(0).max(taken) + 1;
             if self.store.point(&folder, number, digest)? {
-                let (name, manifest) = (name.clone(), manifest.clone());
-                let version = ModelVersion { name, version: number, digest, manifest, yanked: None };
-                return Ok(Outcome::New(version));
+                return Ok(Outcome::New(ModelVersion::new(name, number, digest, manifest.clone())));
             }
             // Another process took the number. It may have published the same.
-            (examined, taken) = (number - 1, number);
+            taken = number;
         }
     }
 
@@ -94,14 +92,11 @@ impl Registry {
             let pointers = self.store.pointers(&versions_key(name), numbers)?;
             let keys: Vec<_> = pointers.iter().map(|&(_, digest)| blob_key(digest)).collect();
             for ((number, digest), bytes) in pointers.into_iter().zip(self.store.read_each(&keys)?) {
-                if !Manifest::parse(&bytes).is_ok_and(|found| is_same(digest, &found)) {
-                    continue;
-                }
-                match self.load(name, number) {
-                    Ok(version) => return Ok(Some(version)),
-                    // A damaged version does not prevent the next one.
-                    Err(Error::Damaged(_)) => {}
-                    Err(error) => return Err(error),
+                // A damaged version does not prevent the next one.
+                let intact = Some(bytes).filter(|bytes| Digest::of(bytes) == digest);
+                let manifest = intact.and_then(|bytes| Manifest::parse(&bytes).ok());
+                if let Some(manifest) = manifest.filter(|found| is_same(digest, found)) {
+                    return Ok(Some(ModelVersion::new(name, number, digest, manifest)));
                 }
             }
         }
@@ -114,7 +109,7 @@ impl Registry {
         from: &Store,
         key: &str,
         blob: &Descriptor,
-        references: &mut Option<References>,
+        references: &mut References,
     ) -> Result<()> {
         let stored = self.keep(from, key, references)?;
         Fault::of_blob(blob.content(), Some(stored)).map_or(Ok(()), |fault| Err(fault.at(key).into()))
@@ -122,17 +117,14 @@ impl Registry {
 
     /// Stores the object `key` of the store `from` as a blob. An existing blob need not be written if it is intact, and named, so
     /// that it cannot be deleted as garbage before the new manifest names it. Writing a small blob is faster than checking that.
-    /// `references` are read when the first large existing blob is met.
-    fn keep(&self, from: &Store, key: &str, references: &mut Option<References>) -> Result<Fingerprint> {
+    /// `references` are read when a large existing blob is met.
+    fn keep(&self, from: &Store, key: &str, references: &mut References) -> Result<Fingerprint> {
         self.store.upload(from, key, &mut |content| {
             if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {
                 return Ok(false);
             }
-            let known = match references {
-                Some(known) => known,
-                None => references.insert(References::of(&self.store)?),
-            };
-            Ok(known.names(content.digest))
+            references.update(&self.store)?;
+            Ok(references.names(content.digest))
         })
     }
 }
@@ -140,7 +132,7 @@ impl Registry {
 /// Refuses the file `path` of a checkpoint, which lies in the store `from` under `key`, if it is a malformed safetensors file.
 pub(crate) fn check_weights(from: &Store, key: &str, path: &str) -> Result<()> {
     let start = |limit| Ok(from.read_start(key, limit)?.unwrap_or_default());
-    let refuse = |reason| Error::refused(&format!("{}/{key}", from.root()), format!("{path} {reason}"));
+    let refuse = |reason| Error::refused(&format!("{}/{key}", from.root), format!("{path} {reason}"));
     safetensors::check(path, &start)?.map_err(refuse)
 }
 
@@ -357,7 +349,7 @@ mod tests {
         let obstacle = place.path("registry/models");
         fs::write(&obstacle, "").unwrap();
         let result = registry.publish(&model("approach"), &checkpoint, Provenance::default());
-        assert!(matches!(result, Err(Error::Io { .. })), "{result:?}");
+        assert!(matches!(result, Err(Error::Failed { .. })), "{result:?}");
         assert!(place.path("registry").join(blob_key(Digest::of(b"abc"))).exists());
         fs::remove_file(obstacle).unwrap();
         assert!(registry.list().unwrap().is_empty());

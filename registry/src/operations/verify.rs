@@ -101,7 +101,7 @@ impl Verifier<'_> {
     fn everything(&mut self) -> Result<()> {
         let store = &self.registry.store;
         // In a folder, links are a problem wherever they are.
-        let found = store.walk(if store.folder().is_some() { "" } else { MODELS })?;
+        let found = store.walk(if store.folder.is_some() { "" } else { MODELS })?;
         self.result.problems = found.problems;
         let folders = found.folders.into_iter().map(|key| (key, true));
         let objects = found.objects.into_iter().map(|object| (object.key, false));

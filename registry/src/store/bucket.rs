@@ -36,7 +36,7 @@ pub(super) fn error(action: &'static str, place: String, source: object_store::E
     // Paths of Amazon's metadata service.
     let asked_cloud = ["/latest/api/token", "/latest/meta-data/"].iter().any(|path| message.contains(path));
     if !asked_cloud {
-        return Error::Store { action, place, source };
+        return Error::Failed { action, place, source: source.into() };
     }
     let reason = format!(
         "cannot {action}: no credentials. Set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY in the environment (and \

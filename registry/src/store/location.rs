@@ -80,12 +80,6 @@ impl From<&Path> for Location {
     }
 }
 
-impl From<&PathBuf> for Location {
-    fn from(folder: &PathBuf) -> Self {
-        folder.as_path().into()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@
 use std::future::Future;
 use std::io::Read;
 use std::panic::resume_unwind;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::SystemTime;
@@ -106,9 +106,9 @@ pub(crate) type Sink<'a> = &'a mut dyn FnMut(Bytes) -> Result<()>;
 pub(crate) struct Store {
     objects: Arc<dyn ObjectStore>,
     /// Location, for messages.
-    root: String,
+    pub(crate) root: String,
     /// The local folder, if the store is one.
-    folder: Option<PathBuf>,
+    pub(crate) folder: Option<PathBuf>,
     /// Drives requests over the network.
     #[cfg(feature = "s3")]
     runtime: Option<Arc<tokio::runtime::Runtime>>,
@@ -140,20 +140,10 @@ impl Store {
             Location::Bucket(place) => {
                 let objects = bucket::open(place, &root)?;
                 let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-                let runtime = runtime.map_err(Error::io("start a runtime for", Path::new(&root)))?;
+                let runtime = runtime.map_err(Error::io("start a runtime for", root.as_ref()))?;
                 Ok(Self { runtime: Some(Arc::new(runtime)), ..Self::new(objects, root) })
             }
         }
-    }
-
-    /// Returns the local folder, if the store is one.
-    pub(crate) fn folder(&self) -> Option<&Path> {
-        self.folder.as_deref()
-    }
-
-    /// Returns the location, for messages.
-    pub(crate) fn root(&self) -> &str {
-        &self.root
     }
 
     /// Blocks until `work` is done.
@@ -357,7 +347,7 @@ use bucket::error;
 
 #[cfg(not(feature = "s3"))]
 fn error(action: &'static str, place: String, source: object_store::Error) -> Error {
-    Error::Store { action, place, source }
+    Error::Failed { action, place, source: source.into() }
 }
 
 #[cfg(test)]

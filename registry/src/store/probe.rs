@@ -27,7 +27,7 @@ pub(crate) fn probe(store: &Store) -> Result<()> {
             "cannot hold a registry: {reason}. Of two simultaneous publications, one would be lost. A folder must be on a file \
              system with hard links (not FAT or exFAT), and an S3 server must honor `If-None-Match: *`"
         );
-        Error::refused(&store.root(), reason)
+        Error::refused(&store.root, reason)
     };
     for number in 0..ATTEMPTS {
         let key = format!("{PROBE}{number}");

@@ -6,6 +6,8 @@
 
 use std::fmt::Display;
 
+use serde::Serialize;
+
 use super::{DOCUMENT_LIMIT, Store, blob_key, file_name};
 use crate::digest::Digest;
 use crate::error::{Error, Result};
@@ -30,6 +32,12 @@ pub(crate) fn parse_pointer(bytes: &[u8]) -> std::result::Result<Digest, String>
     let text = std::str::from_utf8(bytes).ok().and_then(|text| text.strip_suffix('\n'));
     let text = text.ok_or_else(|| "expected a digest and a line feed".to_owned())?;
     text.parse().map_err(|error| format!("{error}"))
+}
+
+/// Serializes a document of `subject`: to the same bytes on every machine.
+pub(crate) fn encode(subject: &dyn Display, document: &impl Serialize) -> Result<Vec<u8>> {
+    let text = serde_json::to_string_pretty(document);
+    Ok((text.map_err(|error| Error::refused(subject, error.to_string()))? + "\n").into_bytes())
 }
 
 impl Store {
@@ -79,7 +87,7 @@ impl Store {
     pub(crate) fn put_document(&self, subject: &dyn Display, document: &[u8]) -> Result<Digest> {
         if document.len() as u64 > DOCUMENT_LIMIT {
             let size = document.len();
-            let reason = format!("its description would have {size} bytes, more than {DOCUMENT_LIMIT}");
+            let reason = format!("its document would have {size} bytes, more than {DOCUMENT_LIMIT}");
             return Err(Error::refused(subject, reason));
         }
         self.put_blob(document.to_owned())

@@ -31,14 +31,14 @@ impl Store {
     /// nothing, if the content changes while it is sent to a bucket.
     pub(crate) fn upload(&self, from: &Self, key: &str, is_kept: IsKept) -> Result<Fingerprint> {
         let missing = || Error::from(Fault::Missing.at(key));
-        if let Some(folder) = self.folder() {
+        if let Some(folder) = self.folder.as_deref() {
             return self.copy(from, key, folder, is_kept)?.ok_or_else(missing);
         }
         let content = from.inspect(key)?.ok_or_else(missing)?;
         if is_kept(content)? || self.send(content, from, key)? {
             return Ok(content);
         }
-        let place = format!("{}/{key}", from.root());
+        let place = format!("{}/{key}", from.root);
         Err(Error::refused(&place, "changed while it was read; try again when it is complete"))
     }
 
@@ -144,7 +144,7 @@ mod tests {
             assert_eq!(upload("source", false).unwrap(), content);
             assert_eq!(store.inspect(&blob_key(content.digest)).unwrap(), Some(content));
             assert!(upload("missing", false).is_err());
-            if let Some(folder) = store.folder() {
+            if let Some(folder) = store.folder.as_deref() {
                 let beside: Vec<_> = fs::read_dir(folder.join(BLOBS)).unwrap().collect();
                 assert_eq!(beside.len(), 1, "{beside:?}");
             }
