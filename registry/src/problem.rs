@@ -98,14 +98,10 @@ impl Fault {
         }
     }
 
-    /// Attributes the fault to the object `key`, which belongs to `model`.
+    /// Attributes the fault to the object `key`, which belongs to `model`, or to none if that is empty.
     pub(crate) fn of(self, model: &str, key: &str) -> Problem {
-        Problem { model: Some(model.to_owned()), file: None, object: key.to_owned(), fault: self }
-    }
-
-    /// Attributes the fault to the object `key`, which belongs to no model.
-    pub(crate) fn at(self, key: &str) -> Problem {
-        Problem { model: None, file: None, object: key.to_owned(), fault: self }
+        let model = (!model.is_empty()).then(|| model.to_owned());
+        Problem { model, file: None, object: key.to_owned(), fault: self }
     }
 }
 

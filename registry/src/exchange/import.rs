@@ -4,8 +4,6 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Manifest, ModelName, ModelVersion, model_config};
-use crate::operations::gc::References;
-use crate::operations::publish::check_weights;
 use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::Registry;
@@ -66,15 +64,8 @@ impl<'a> Import<'a> {
         locate: &dyn Fn(&Descriptor) -> String,
     ) -> Result<Outcome<ModelVersion>> {
         // Everything is verified before anything is stored.
-        for layer in &manifest.layers {
-            let key = locate(layer);
-            self.verify(&key, layer)?;
-            check_weights(&self.store, &key, layer.path().unwrap_or_default())?;
-        }
-        let mut references = References::default();
-        for layer in &manifest.layers {
-            self.located(registry.transfer(&self.store, &locate(layer), layer, &mut references))?;
-        }
+        manifest.layers.iter().try_for_each(|layer| self.verify(&locate(layer), layer))?;
+        self.located(registry.transfer(&self.store, manifest.layers.iter(), locate))?;
         let config = model_config(name, &manifest.layers);
         manifest.rename(name, &config);
         registry.store.put_blob(config)?;

@@ -179,7 +179,7 @@ impl Manifest {
     }
 
     /// Returns all blobs of the version: its configuration and its files.
-    pub(crate) fn blobs(&self) -> impl Iterator<Item = &Descriptor> {
+    pub(crate) fn blobs(&self) -> impl Iterator<Item = &Descriptor> + Clone {
         std::iter::once(&self.config).chain(&self.layers)
     }
 

@@ -5,9 +5,8 @@ use serde::Serialize;
 use crate::error::{Error, Result};
 use crate::events::yank::last_yank;
 use crate::model::ModelVersion;
-use crate::operations::gc::References;
-use crate::operations::publish::check_weights;
-use crate::registry::{Registry, blob_problem};
+use crate::problem::Problem;
+use crate::registry::Registry;
 use crate::store::blob_key;
 
 /// What was copied of a version.
@@ -31,16 +30,11 @@ impl Registry {
     /// of the model there, since numbers have no gaps. Copying again adds only what is missing, also after an interruption. A
     /// yank, or its reversal, that was recorded in the other registry is left as it is.
     pub fn copy(&self, version: &ModelVersion, to: &Registry) -> Result<Copied> {
-        let mut references = References::default();
-        for blob in version.manifest.blobs() {
-            let key = blob_key(blob.digest);
-            // This registry may be somebody else's.
-            check_weights(&self.store, &key, blob.path().unwrap_or_default())?;
-            to.transfer(&self.store, &key, blob, &mut references).map_err(|error| match error {
-                Error::Damaged(problem) => blob_problem(&version.to_string(), blob, problem.fault).into(),
-                error => error,
-            })?;
-        }
+        let stored = to.transfer(&self.store, version.manifest.blobs(), &|blob| blob_key(blob.digest));
+        stored.map_err(|error| match error {
+            Error::Damaged(problem) => Problem { model: Some(version.to_string()), ..*problem }.into(),
+            error => error,
+        })?;
         let bytes = self.store.document(&version.to_string(), version.digest)?;
         let same = |digest, _: &_| digest == version.digest;
         let copied = to.add_version(&version.name, &version.manifest, &bytes, &same)?;

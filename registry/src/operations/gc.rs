@@ -15,8 +15,7 @@ use std::time::{Duration, SystemTime};
 use serde::Serialize;
 
 use crate::digest::Digest;
-use crate::error::{Error, Result};
-use crate::problem::Problem;
+use crate::error::Result;
 use crate::registry::Registry;
 use crate::store::folder::is_staged;
 use crate::store::probe::is_probe;
@@ -47,10 +46,9 @@ impl Registry {
         let blobs = self.store.walk(BLOBS)?.checked()?;
         let mut references = References::default();
         let models = references.update(&self.store)?;
-        references.check()?;
         let top = self.store.list("")?.checked()?;
         let is_unneeded = |key: &str| {
-            let is_unnamed = blob_digest(key).is_some_and(|digest| !references.names(digest));
+            let is_unnamed = blob_digest(key).is_some_and(|digest| !references.named.contains(&digest));
             is_unnamed || is_probe(key) || is_staged(key)
         };
         let objects = [blobs, models, top].into_iter().flat_map(|listing| listing.objects);
@@ -73,8 +71,7 @@ impl Registry {
         let mut deleted = Vec::new();
         for found in garbage {
             references.update(&self.store)?;
-            references.check()?;
-            let is_named = blob_digest(&found.key).is_some_and(|digest| references.names(digest));
+            let is_named = blob_digest(&found.key).is_some_and(|digest| references.named.contains(&digest));
             let folder = found.key.rsplit_once('/').map_or("", |(folder, _)| folder);
             let beside = self.store.list(folder)?.checked()?.objects;
             let object = beside.into_iter().find(|object| object.key == found.key);
@@ -92,13 +89,11 @@ impl Registry {
 pub(crate) struct References {
     /// Objects that were read. They never change, so none is read twice.
     read: BTreeSet<String>,
-    named: BTreeSet<Digest>,
-    /// Damage that was found. What the damaged objects named is unknown.
-    problems: Vec<Problem>,
+    pub(crate) named: BTreeSet<Digest>,
 }
 
 impl References {
-    /// Reads the objects that have appeared. Returns all objects of models.
+    /// Reads the objects that have appeared. Returns all objects of models. Fails if one is damaged: what it named is unknown.
     pub(crate) fn update(&mut self, store: &Store) -> Result<Listing> {
         let models = store.walk(MODELS)?.checked()?;
         for Object { key, .. } in &models.objects {
@@ -108,25 +103,11 @@ impl References {
             let Some(bytes) = store.read(key)? else { continue };
             self.named.extend(digests(&bytes));
             if parse_number(file_name(key)).is_some() {
-                match store.follow("", key) {
-                    Ok((document, _)) => self.named.extend(digests(&document)),
-                    Err(Error::Damaged(problem)) => self.problems.push(problem.fault.at(&problem.object)),
-                    Err(error) => return Err(error),
-                }
+                self.named.extend(digests(&store.follow("", key)?.0));
             }
             self.read.insert(key.clone());
         }
         Ok(models)
-    }
-
-    /// Returns whether some object names this digest.
-    pub(crate) fn names(&self, digest: Digest) -> bool {
-        self.named.contains(&digest)
-    }
-
-    /// Fails if damage was found.
-    fn check(&self) -> Result<()> {
-        self.problems.first().map_or(Ok(()), |problem| Err(problem.clone().into()))
     }
 }
 
@@ -154,6 +135,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::error::Error;
     use crate::events::alias::Precondition;
     use crate::fixture::{Place, bytes, evaluation, flip, model};
     use crate::model::Note;

@@ -3,7 +3,7 @@
 mod copy;
 pub(crate) mod diff;
 pub(crate) mod gc;
-pub(crate) mod publish;
+mod publish;
 pub(crate) mod pull;
 mod resolve;
 mod verify;

@@ -10,7 +10,7 @@ use crate::model::{
 };
 use crate::operations::gc::References;
 use crate::outcome::Outcome;
-use crate::problem::Fault;
+use crate::problem::{Fault, Problem};
 use crate::registry::{Registry, versions_key};
 use crate::store::{Store, blob_key};
 
@@ -103,16 +103,26 @@ impl Registry {
         Ok(None)
     }
 
-    /// Stores the blob that lies in the store `from` under `key`, and verifies it.
-    pub(crate) fn transfer(
+    /// Stores `blobs`, which lie in the store `from` under the keys that `locate` returns, and verifies them.
+    pub(crate) fn transfer<'a>(
         &self,
         from: &Store,
-        key: &str,
-        blob: &Descriptor,
-        references: &mut References,
+        blobs: impl Iterator<Item = &'a Descriptor> + Clone,
+        locate: &dyn Fn(&Descriptor) -> String,
     ) -> Result<()> {
-        let stored = self.keep(from, key, references)?;
-        Fault::of_blob(blob.content(), Some(stored)).map_or(Ok(()), |fault| Err(fault.at(key).into()))
+        for blob in blobs.clone() {
+            check_weights(from, &locate(blob), blob.path().unwrap_or_default())?;
+        }
+        let mut references = References::default();
+        for blob in blobs {
+            let key = locate(blob);
+            let stored = self.keep(from, &key, &mut references)?;
+            if let Some(fault) = Fault::of_blob(blob.content(), Some(stored)) {
+                let file = blob.path().map(str::to_owned);
+                return Err(Problem { file, ..fault.of("", &key) }.into());
+            }
+        }
+        Ok(())
     }
 
     /// Stores the object `key` of the store `from` as a blob. An existing blob need not be written if it is intact, and named, so
@@ -123,14 +133,17 @@ impl Registry {
             if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {
                 return Ok(false);
             }
-            references.update(&self.store)?;
-            Ok(references.names(content.digest))
+            match references.update(&self.store) {
+                // What a damaged object named is unknown.
+                Err(Error::Damaged(_)) => Ok(false),
+                updated => updated.map(|_| references.named.contains(&content.digest)),
+            }
         })
     }
 }
 
 /// Refuses the file `path` of a checkpoint, which lies in the store `from` under `key`, if it is a malformed safetensors file.
-pub(crate) fn check_weights(from: &Store, key: &str, path: &str) -> Result<()> {
+fn check_weights(from: &Store, key: &str, path: &str) -> Result<()> {
     let start = |limit| Ok(from.read_start(key, limit)?.unwrap_or_default());
     let refuse = |reason| Error::refused(&format!("{}/{key}", from.root), format!("{path} {reason}"));
     safetensors::check(path, &start)?.map_err(refuse)

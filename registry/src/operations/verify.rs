@@ -114,7 +114,7 @@ impl Verifier<'_> {
                     let last = models.entry(name).or_default().entry(log.to_owned()).or_default();
                     *last = number.max(*last);
                 }
-                None => self.result.problems.push(Fault::Stray.at(&key)),
+                None => self.result.problems.push(Fault::Stray.of("", &key)),
             }
         }
         for (name, logs) in models {

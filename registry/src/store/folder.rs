@@ -17,7 +17,7 @@ use crate::problem::{Fault, Problem};
 
 /// Returns the problem with the object or folder `key`, if files of this type are not allowed.
 fn problem(key: &str, kind: FileType) -> Option<Problem> {
-    (!kind.is_file() && !kind.is_dir()).then(|| Fault::Irregular.at(key))
+    (!kind.is_file() && !kind.is_dir()).then(|| Fault::Irregular.of("", key))
 }
 
 /// Refuses a key below `root` that leads to or through a symbolic link or a special file.

@@ -30,7 +30,7 @@ impl Store {
     /// Stores the object `key` of the store `from` as a blob, unless it `is_kept`, and returns its fingerprint. Fails, and stores
     /// nothing, if the content changes while it is sent to a bucket.
     pub(crate) fn upload(&self, from: &Self, key: &str, is_kept: IsKept) -> Result<Fingerprint> {
-        let missing = || Error::from(Fault::Missing.at(key));
+        let missing = || Error::from(Fault::Missing.of("", key));
         if let Some(folder) = self.folder.as_deref() {
             return self.copy(from, key, folder, is_kept)?.ok_or_else(missing);
         }
