@@ -81,15 +81,14 @@ impl Log {
         if event.previous.is_some() != (number > 1) {
             return Err("each event but the first names the digest of the previous one".into());
         }
-        let is_of_alias = matches!(event.kind, EventKind::AliasSet | EventKind::AliasRemoved);
-        if is_of_alias == self.version.is_some() {
-            return Err("aliases and versions have different events".into());
-        }
-        let (has_target, has_blob) = (event.target.is_some(), event.attached.is_some());
-        if has_target == (event.kind == EventKind::AliasRemoved)
-            || has_blob != (event.kind == EventKind::Attached)
-        {
-            return Err(format!("the target or the blob does not fit the event {:?}", event.kind));
+        let expected = match event.kind {
+            EventKind::AliasSet => (true, true, false),
+            EventKind::AliasRemoved => (true, false, false),
+            EventKind::Yanked | EventKind::Unyanked => (false, true, false),
+            EventKind::Attached => (false, true, true),
+        };
+        if (self.version.is_none(), event.target.is_some(), event.attached.is_some()) != expected {
+            return Err("it is of another subject than its kind, or has the fields of another kind".into());
         }
         match event.target {
             Some(target) if self.version.is_some_and(|version| version != target.version) => {

@@ -31,22 +31,19 @@ pub(super) fn text(version: &ModelVersion, values: &BTreeMap<String, f64>, licen
 
 fn front_matter(version: &ModelVersion, values: &BTreeMap<String, f64>, license: Option<&str>) -> String {
     let license = license.map(|license| format!("license: {}\n", quoted(license))).unwrap_or_default();
-    let names: Vec<String> = version.manifest.lineage.datasets.keys().map(|name| quoted(name)).collect();
-    let (mut datasets, mut results) = (String::new(), String::new());
-    if !names.is_empty() {
-        datasets = format!("datasets:\n- {}\n", names.join("\n- "));
-    }
+    let names: Vec<_> = version.manifest.lineage.datasets.keys().map(|name| quoted(name)).collect();
+    let datasets =
+        if names.is_empty() { String::new() } else { format!("datasets:\n- {}\n", names.join("\n- ")) };
+    let metric = |(metric, value): (&String, &f64)| {
+        let name = metric.replace('_', " ");
+        format!("    - type: {metric}\n      name: {name}\n      value: {value:?}\n")
+    };
+    let mut results: String = values.iter().map(metric).collect();
     if !values.is_empty() {
-        let metric = |(metric, value): (&String, &f64)| {
-            let name = metric.replace('_', " ");
-            format!("    - type: {metric}\n      name: {name}\n      value: {value:?}\n")
-        };
-        let metrics: Vec<_> = values.iter().map(metric).collect();
         let (name, dataset) = (&version.name, quoted(&names.join(", ").replace('"', "")));
         results = format!(
             "model-index:\n- name: {name}\n  results:\n  - task:\n      type: robotics\n      name: visual servoing\n    \
-             dataset:\n      type: flowservo\n      name: {dataset}\n    metrics:\n{}",
-            metrics.concat()
+             dataset:\n      type: flowservo\n      name: {dataset}\n    metrics:\n{results}"
         );
     }
     format!(

@@ -9,21 +9,17 @@ use crate::problem::Fault;
 use crate::registry::Registry;
 use crate::store::{DOCUMENT_LIMIT, Store};
 
-/// An exported model: a folder whose files are not trusted.
-pub(super) struct Import<'a> {
-    folder: &'a Path,
-    /// No link in the folder is followed, as in a registry.
-    store: Store,
-}
+/// An exported model: a folder whose files are not trusted. No link in it is followed, as in a registry.
+pub(super) struct Import(Store);
 
-impl<'a> Import<'a> {
-    pub(super) fn open(folder: &'a Path) -> Result<Self> {
-        Ok(Self { folder, store: Store::open(&folder.into())? })
+impl Import {
+    pub(super) fn open(folder: &Path) -> Result<Self> {
+        Ok(Self(Store::open(&folder.into())?))
     }
 
     /// Refuses the file `key`.
     pub(super) fn refuse(&self, key: &str, reason: impl std::fmt::Display) -> Error {
-        Error::refused(&self.folder.join(key).display(), format!("{reason}; nothing was published"))
+        Error::refused(&format!("{}/{key}", self.0.root), format!("{reason}; nothing was published"))
     }
 
     /// States which folder a problem is in.
@@ -36,7 +32,7 @@ impl<'a> Import<'a> {
 
     /// Reads a small document.
     pub(super) fn document(&self, key: &str) -> Result<Vec<u8>> {
-        let bytes = self.located(self.store.read(key))?.ok_or_else(|| self.refuse(key, Fault::Missing))?;
+        let bytes = self.located(self.0.read(key))?.ok_or_else(|| self.refuse(key, Fault::Missing))?;
         if bytes.len() as u64 > DOCUMENT_LIMIT {
             return Err(self.refuse(key, format!("has more than {DOCUMENT_LIMIT} bytes")));
         }
@@ -50,7 +46,7 @@ impl<'a> Import<'a> {
 
     /// Verifies that the file `key` has the content that `expected` states.
     pub(super) fn verify(&self, key: &str, expected: &Descriptor) -> Result<()> {
-        let found = self.located(self.store.inspect(key))?;
+        let found = self.located(self.0.inspect(key))?;
         Fault::of_blob(expected.content(), found).map_or(Ok(()), |fault| Err(self.refuse(key, fault)))
     }
 
@@ -65,7 +61,7 @@ impl<'a> Import<'a> {
     ) -> Result<Outcome<ModelVersion>> {
         // Everything is verified before anything is stored.
         manifest.layers.iter().try_for_each(|layer| self.verify(&locate(layer), layer))?;
-        self.located(registry.transfer(&self.store, manifest.layers.iter(), locate))?;
+        self.located(registry.transfer(&self.0, manifest.layers.iter(), locate))?;
         let config = model_config(name, &manifest.layers);
         manifest.rename(name, &config);
         registry.store.put_blob(config)?;

@@ -1,7 +1,6 @@
 //! Differences between two versions: configuration, metrics, lineage, files.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Display;
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -78,10 +77,10 @@ impl Registry {
     fn configuration(&self, version: &ModelVersion) -> Result<BTreeMap<String, Value>> {
         let config = version.manifest.layers.iter().find(|layer| layer.path() == Some(CONFIG));
         let Some(layer) = config else { return Ok(BTreeMap::new()) };
-        let refuse = |error: &dyn Display| Error::refused(version, format!("{CONFIG} is not TOML: {error}"));
         let bytes = self.store.document(&version.to_string(), layer.digest)?;
-        let text = String::from_utf8(bytes).map_err(|error| refuse(&error))?;
-        Ok(flattened(toml::from_str(&text).map_err(|error| refuse(&error))?))
+        let document = toml::from_slice(&bytes);
+        let refuse = |error| Error::refused(version, format!("{CONFIG} is not TOML: {error}"));
+        Ok(flattened(document.map_err(refuse)?))
     }
 }
 
@@ -90,7 +89,6 @@ pub(crate) fn flattened(document: Value) -> BTreeMap<String, Value> {
     fn flatten(path: &str, value: Value, found: &mut BTreeMap<String, Value>) {
         let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         match value {
-            // An empty table has no values.
             Value::Object(table) => {
                 table.into_iter().for_each(|(key, value)| flatten(&below(&key), value, found));
             }

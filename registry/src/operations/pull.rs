@@ -1,6 +1,5 @@
 //! Delivering a version to a new folder: complete and verified, or not at all.
 
-use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
@@ -129,12 +128,7 @@ fn create_folder(destination: &Path, version: &ModelVersion, fill: Fill) -> Resu
     };
     let parent = destination.parent().unwrap_or(Path::new(""));
     fs::create_dir_all(parent).map_err(Error::io("create the folder", parent))?;
-    let hidden = |number| {
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{number}.tmp"));
-        parent.join(hidden)
-    };
+    let hidden = |number| parent.join(format!(".{}.{number}.tmp", name.display()));
     let (staged, ()) = Staged::create(hidden, |path| fs::create_dir(path))?;
     fill(&staged.path)?;
     match staged.rename(destination) {

@@ -76,16 +76,13 @@ type Versions = BTreeMap<u64, Option<Digest>>;
 /// Describes what is wrong if `event` refers to none of `versions`.
 fn wrong_target(event: &Event, versions: &Versions) -> Option<Fault> {
     let target = event.target?;
-    let reason = match versions.get(&target.version) {
-        None => format!("it refers to version {}, which does not exist", target.version),
-        Some(Some(digest)) if *digest != target.digest => {
-            format!(
-                "it refers to version {} with digest {}, which has {digest}",
-                target.version, target.digest
-            )
-        }
+    let state = match versions.get(&target.version) {
+        None => "does not exist".to_owned(),
+        Some(Some(digest)) if *digest != target.digest => format!("has {digest}"),
         Some(_) => return None,
     };
+    let reason =
+        format!("it refers to version {} with digest {}, which {state}", target.version, target.digest);
     Some(Fault::Malformed { reason })
 }
 
