@@ -107,12 +107,8 @@ impl SignedFiles {
         self.compare(&payload)
     }
 
-    /// Checks that `signature` is over exactly these files, with whatever key.
-    pub(crate) fn check_signed_by(&self, signature: &Signature) -> Result<()> {
-        self.compare(&signature.payload()?)
-    }
-
-    fn compare(&self, payload: &[u8]) -> Result<()> {
+    /// Checks that a signed `payload` lists exactly these files.
+    pub(crate) fn compare(&self, payload: &[u8]) -> Result<()> {
         let signed = parse_statement(payload)?;
         let paths: BTreeSet<_> = signed.keys().chain(self.files.keys()).collect();
         let differs = |path: &&String| signed.get(*path) != self.files.get(*path);
@@ -157,7 +153,7 @@ impl Signature {
     }
 
     /// Decodes what was signed.
-    fn payload(&self) -> Result<Vec<u8>> {
+    pub(crate) fn payload(&self) -> Result<Vec<u8>> {
         expect(&self.bundle, "/mediaType", MEDIA_TYPE)?;
         expect(&self.bundle, "/dsseEnvelope/payloadType", PAYLOAD)?;
         let payload = BASE64.decode(string(&self.bundle, "/dsseEnvelope/payload")?);

@@ -65,7 +65,7 @@ impl Attachment {
     fn encode(&self, version: &ModelVersion) -> Result<(&'static str, Vec<u8>)> {
         match self {
             Self::Signature(signature) => {
-                SignedFiles::of_version(version).check_signed_by(signature)?;
+                SignedFiles::of_version(version).compare(&signature.payload()?)?;
                 Ok((signature::MEDIA_TYPE, signature.as_str().into()))
             }
             Self::Evaluation(evaluation) if evaluation.metrics.is_empty() => {

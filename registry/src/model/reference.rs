@@ -1,4 +1,5 @@
-//! Names of models and aliases, safe as a folder, a part of a URL and a shell word; and references to versions: `approach`, `approach@3`, `approach@sha256:...`, `approach:champion`.
+//! Names of models and aliases, safe as a folder, a part of a URL and a shell word. References to versions: `approach`,
+//! `approach@3`, `approach@sha256:...`, `approach:champion`.
 
 use std::fmt;
 use std::str::FromStr;

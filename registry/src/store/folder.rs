@@ -67,8 +67,12 @@ pub(super) fn list(root: &Path, key: &str) -> Result<Listing> {
 
 /// Returns whether a local store is writing this file: `NAME#7` becomes `NAME` when it is complete.
 pub(crate) fn is_staged(name: &str) -> bool {
-    let number = name.rsplit_once('#').map(|(_, number)| number);
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
+    name.rsplit_once('#').is_some_and(|(_, number)| is_numeral(number))
+}
+
+/// Returns whether `text` consists of digits.
+pub(super) fn is_numeral(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|c| c.is_ascii_digit())
 }
 
 #[cfg(unix)]

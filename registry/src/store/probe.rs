@@ -6,6 +6,7 @@
 use bytes::Bytes;
 
 use super::Store;
+use super::folder::is_numeral;
 use crate::error::{Error, Result};
 
 /// Prefix of the temporary keys.
@@ -13,8 +14,7 @@ pub(crate) const PROBE: &str = "probe-";
 
 /// Returns whether `key` is that of a probe's object. A killed probe leaves it behind.
 pub(crate) fn is_probe(key: &str) -> bool {
-    let number = key.strip_prefix(PROBE);
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
+    key.strip_prefix(PROBE).is_some_and(is_numeral)
 }
 
 /// Number of keys to try. Others may be probing too, or have been killed while they did.
