@@ -1,20 +1,15 @@
 //! SHA-256 digests: the names of contents, as OCI registries write them.
 
 use std::fmt;
-use std::io::{self, Read};
-use std::panic::resume_unwind;
 use std::str::FromStr;
-use std::sync::mpsc;
-use std::thread;
 
-use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 /// SHA-256 of some content, written as `sha256:` and 64 lower-case hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Digest([u8; 32]);
+pub struct Digest(pub(crate) [u8; 32]);
 
 /// A text that is not a digest.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -24,12 +19,7 @@ pub struct InvalidDigest(String);
 impl Digest {
     /// Computes the digest of `content`.
     pub fn of(content: &[u8]) -> Self {
-        Fingerprint::of_bytes(content).digest
-    }
-
-    /// Returns the 32 bytes.
-    pub(crate) fn bytes(&self) -> &[u8; 32] {
-        &self.0
+        Fingerprint::of([content]).digest
     }
 
     /// Returns the 64 hexadecimal digits alone.
@@ -84,65 +74,15 @@ pub(crate) struct Fingerprint {
 }
 
 impl Fingerprint {
-    /// Computes the fingerprint of `content`.
-    pub(crate) fn of_bytes(content: &[u8]) -> Self {
-        let mut hasher = Hasher::default();
-        hasher.update(content);
-        hasher.finish()
-    }
-
-    /// Computes the fingerprint of everything that `reader` returns, in bounded memory.
-    pub(crate) fn of(mut reader: impl Read) -> io::Result<Self> {
-        let mut hasher = Hasher::default();
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            match reader.read(&mut buffer) {
-                Ok(0) => return Ok(hasher.finish()),
-                Ok(count) => hasher.update(&buffer[..count]),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
+    /// Computes the fingerprint of a content that comes in pieces.
+    pub(crate) fn of(pieces: impl IntoIterator<Item: AsRef<[u8]>>) -> Self {
+        let (mut state, mut size) = (Sha256::new(), 0);
+        for piece in pieces {
+            state.update(&piece);
+            size += piece.as_ref().len() as u64;
         }
+        Self { digest: Digest(state.finalize().into()), size }
     }
-}
-
-/// Computes a fingerprint piece by piece.
-#[derive(Default)]
-pub(crate) struct Hasher {
-    state: Sha256,
-    size: u64,
-}
-
-impl Hasher {
-    pub(crate) fn update(&mut self, piece: &[u8]) {
-        self.state.update(piece);
-        self.size += piece.len() as u64;
-    }
-
-    pub(crate) fn finish(self) -> Fingerprint {
-        Fingerprint { digest: Digest(self.state.finalize().into()), size: self.size }
-    }
-}
-
-/// Runs `work` while another thread hashes the pieces that it hands over. Hashing takes about as long as reading or writing.
-pub(crate) fn hash_in_background<T, E>(
-    work: impl FnOnce(&mut dyn FnMut(Bytes)) -> Result<T, E>,
-) -> Result<(T, Fingerprint), E> {
-    thread::scope(|scope| {
-        let (sender, pieces) = mpsc::sync_channel::<Bytes>(1);
-        let hashing = scope.spawn(move || {
-            let mut hasher = Hasher::default();
-            for piece in pieces {
-                hasher.update(&piece);
-            }
-            hasher.finish()
-        });
-        // Sending fails only if hashing panicked, which is propagated below.
-        let done = work(&mut |piece| drop(sender.send(piece)));
-        drop(sender);
-        let content = hashing.join().unwrap_or_else(|panic| resume_unwind(panic));
-        Ok((done?, content))
-    })
 }
 
 #[cfg(test)]
@@ -156,10 +96,7 @@ mod tests {
         let empty = "sha256:e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
         assert_eq!(Digest::of(b"abc").to_string(), abc);
         assert_eq!(Digest::of(b""), empty.parse().unwrap());
-        assert_eq!(
-            Fingerprint::of(&b"abc"[..]).unwrap(),
-            Fingerprint { digest: abc.parse().unwrap(), size: 3 }
-        );
+        assert_eq!(Fingerprint::of(["a", "bc"]), Fingerprint { digest: abc.parse().unwrap(), size: 3 });
     }
 
     #[test]

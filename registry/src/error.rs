@@ -1,9 +1,8 @@
 //! Errors, worded for the person who can act on them.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::digest::InvalidDigest;
 use crate::problem::Problem;
 
 /// Result of this crate.
@@ -13,117 +12,53 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// An invalid model name.
-    #[error(
-        "`{0}` is not a model name: use 1 to 64 lower-case letters, digits, `-` and `_`, starting with a letter or digit"
-    )]
-    Name(String),
-    /// An invalid alias.
-    #[error(
-        "`{0}` is not an alias: use 1 to 64 lower-case letters, digits, `-` and `_`, starting with a letter; a version is \
-         written `NAME@7`"
-    )]
-    AliasName(String),
-    /// An invalid model reference.
-    #[error(
-        "`{0}` is not a model reference: write `NAME`, `NAME@7`, `NAME:ALIAS` or `NAME@sha256:...` with all 64 digits"
-    )]
-    Reference(String),
-    /// An invalid digest.
-    #[error(transparent)]
-    Digest(#[from] InvalidDigest),
-    /// A file or folder cannot be published, imported or written.
-    #[error("{}: {reason}", path.display())]
-    File {
-        /// The offending file or folder.
-        path: PathBuf,
+    /// An invalid name or reference.
+    #[error("`{text}` is not {expected}")]
+    Invalid {
+        /// The text.
+        text: String,
+        /// What was expected, and how it is written.
+        expected: &'static str,
+    },
+    /// Something is not valid, or cannot be published, attached, recorded, copied, compared, imported or written.
+    #[error("{subject}: {reason}")]
+    Refused {
+        /// The version, alias, model, metric, location, file or object.
+        subject: String,
         /// What is wrong with it and what to do.
         reason: String,
     },
-    /// Something cannot be published, attached, recorded, copied or compared.
-    #[error("{subject}: {reason}")]
-    Refused {
-        /// The version, alias, model, metric or object.
-        subject: String,
-        /// Why, and what to do.
-        reason: String,
-    },
-    /// This location cannot hold a registry, or holds one of another format.
-    #[error("{root}: {reason}")]
-    Location {
-        /// The location.
-        root: String,
-        /// Why, and what to do.
-        reason: String,
-    },
     /// There is no registry at this location.
-    #[error("there is no registry at `{root}` (create one with `model init`)")]
-    NoRegistry {
-        /// The location.
-        root: String,
-    },
-    /// There is no such model, version or alias. The message lists what there is.
+    #[error("there is no registry at `{0}` (create one with `model init`)")]
+    NoRegistry(String),
+    /// There is no such model, version, alias or signature. The message lists what there is.
     #[error("{0}")]
     NotFound(String),
     /// A precondition does not hold.
-    #[error("{subject} is {}; nothing was changed", found.map_or("unset".into(), |number| format!("version {number}")))]
-    Conflict {
-        /// The alias, as `approach:champion`.
-        subject: String,
-        /// Number of the version that it names now.
-        found: Option<u64>,
-    },
+    #[error("{0}; nothing was changed")]
+    Conflict(String),
     /// The registry is damaged: an object is not what was published.
     #[error("{0}{remedy}", remedy = .0.fault.remedy())]
     Damaged(Box<Problem>),
-    /// An invalid key.
-    #[error("the key {0}")]
-    Key(String),
-    /// An invalid signature.
-    #[error("the signature is not valid: {0}")]
-    Signature(String),
-    /// No attached signature of a version was made with the requested key.
-    #[error("{model} is not signed with this key: {reason}")]
-    Unsigned {
-        /// The version, as `approach@3`.
-        model: String,
-        /// The signatures that exist.
-        reason: String,
-    },
-    /// A local file or folder could not be read or written.
-    #[error("{}: cannot {action}: {source}", path.display())]
-    Io {
-        /// The attempted action.
-        action: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: std::io::Error,
-    },
-    /// An object of the registry could not be read or written.
+    /// A file, a folder or an object could not be read or written.
     #[error("{place}: cannot {action}: {source}")]
-    Store {
+    Failed {
         /// The attempted action.
         action: &'static str,
-        /// Location of the registry, and key of the object in it.
+        /// The file or folder, or the location of the registry and the key of the object in it.
         place: String,
-        /// The store's answer.
-        source: object_store::Error,
+        /// The answer of the system or the store.
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
 }
 
 impl Error {
     /// Wraps a failed operation on a local file or folder, for `map_err`.
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::Io { action, path: path.to_owned(), source }
+        move |source| Self::Failed { action, place: path.display().to_string(), source: source.into() }
     }
 
-    /// Refuses a file or folder.
-    pub(crate) fn file(path: &Path, reason: impl Into<String>) -> Self {
-        Self::File { path: path.to_owned(), reason: reason.into() }
-    }
-
-    /// Refuses something about a version, alias or model.
+    /// Refuses something about `subject`.
     pub(crate) fn refused(subject: &dyn Display, reason: impl Into<String>) -> Self {
         Self::Refused { subject: subject.to_string(), reason: reason.into() }
     }

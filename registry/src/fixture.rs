@@ -12,7 +12,7 @@ use p256::pkcs8::{EncodePrivateKey as _, LineEnding};
 use tempfile::TempDir;
 
 use crate::events::attachment::Attachment;
-use crate::events::evaluation::Evaluation;
+use crate::events::attachment::Evaluation;
 use crate::model::{ModelName, ModelVersion, Provenance};
 use crate::outcome::Outcome;
 use crate::registry::{Registry, versions_key};
@@ -42,8 +42,13 @@ impl Place {
         self.folder.path().join(name)
     }
 
+    /// Opens the folder around the registry as a store.
+    pub(crate) fn outside(&self) -> Store {
+        Store::open(&Location::from(self.folder.path())).unwrap()
+    }
+
     pub(crate) fn location(&self) -> Location {
-        Location::from(&self.path("registry"))
+        Location::from(self.path("registry").as_path())
     }
 
     pub(crate) fn store(&self) -> Store {

@@ -6,9 +6,10 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path};
 
-use crate::events::{Log, encode};
+use crate::events::Log;
 use crate::model::{Event, Manifest, ModelRef, Selector};
 use crate::signature::{PublicKey, Signature, SignedFiles, parse_statement};
+use crate::store::sequence::encode;
 
 /// A reference has one spelling, and reads back as the same.
 pub fn reference(data: &[u8]) -> bool {
@@ -41,20 +42,22 @@ pub fn event(data: &[u8]) -> bool {
     let Ok(reference) = subject.parse::<ModelRef>() else { return false };
     let log = match reference.selector {
         Selector::Alias(alias) => Log::of_alias(&reference.name, &alias),
-        Selector::Version(version) => Log::of_version(&reference.name, version),
+        Selector::Version(version) => Log::of_number(&reference.name, version),
         _ => return false,
     };
     let Ok(parsed) = log.parse(data, number) else { return false };
-    let Ok(bytes) = encode(&parsed) else { return false };
+    let Ok(bytes) = encode(&parsed.subject, &parsed) else { return false };
     assert_eq!(log.parse(&bytes, number), Ok(parsed));
     true
 }
 
 /// The header of a safetensors file.
 pub fn safetensors(data: &[u8]) -> bool {
-    let read =
-        |limit: u64| Ok(data.iter().copied().take(usize::try_from(limit).unwrap_or(usize::MAX)).collect());
-    matches!(crate::model::safetensors::check(".safetensors", data.len() as u64, &read), Ok(Ok(())))
+    let start = |limit: u64| {
+        let start = data.iter().copied().take(usize::try_from(limit).unwrap_or(usize::MAX));
+        Ok((start.collect(), data.len() as u64))
+    };
+    matches!(crate::model::safetensors::check(".safetensors", &start), Ok(Ok(())))
 }
 
 /// The public key of RFC 6979, appendix A.2.5.

@@ -53,7 +53,7 @@ pub use digest::{Digest, InvalidDigest};
 pub use error::{Error, Result};
 pub use events::alias::Precondition;
 pub use events::attachment::Attachment;
-pub use events::evaluation::{Evaluation, Metric};
+pub use events::attachment::{Evaluation, Metric};
 pub use model::{
     AliasName, Descriptor, Event, EventKind, Lineage, Manifest, ModelName, ModelRef, ModelVersion, Note,
     Provenance, Selector, Target,

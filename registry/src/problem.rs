@@ -65,14 +65,11 @@ pub enum Fault {
         /// The store's answer.
         reason: String,
     },
-    /// The object, or a folder on the way to it, is a symbolic link.
+    /// The object, or a folder on the way to it, is a symbolic link, a named pipe, a socket or a device.
     #[error(
-        "is a symbolic link, which a registry does not follow: replace it with what it points to, or remove it"
+        "is a symbolic link or a special file, which a registry does not follow: replace it with what it points to, or remove it"
     )]
-    Link,
-    /// The object is a named pipe, a socket or a device.
-    #[error("is neither a file nor a folder: remove it")]
-    Special,
+    Irregular,
     /// The object has no place in a registry.
     #[error("does not belong in a registry: remove it")]
     Stray,
@@ -82,7 +79,7 @@ impl Fault {
     /// Returns advice, where the fault's own message has none.
     pub(crate) fn remedy(&self) -> &'static str {
         match self {
-            Self::Link | Self::Special | Self::Stray => "",
+            Self::Irregular | Self::Stray => "",
             _ => "; restore the registry from a backup, or publish the checkpoint again",
         }
     }
@@ -101,14 +98,10 @@ impl Fault {
         }
     }
 
-    /// Attributes the fault to the object `key`, which belongs to `model`.
+    /// Attributes the fault to the object `key`, which belongs to `model`, or to none if that is empty.
     pub(crate) fn of(self, model: &str, key: &str) -> Problem {
-        Problem { model: Some(model.to_owned()), file: None, object: key.to_owned(), fault: self }
-    }
-
-    /// Attributes the fault to the object `key`, which belongs to no model.
-    pub(crate) fn at(self, key: &str) -> Problem {
-        Problem { model: None, file: None, object: key.to_owned(), fault: self }
+        let model = (!model.is_empty()).then(|| model.to_owned());
+        Problem { model, file: None, object: key.to_owned(), fault: self }
     }
 }
 

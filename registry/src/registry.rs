@@ -2,14 +2,14 @@
 
 use std::fs;
 
-use crate::digest::Fingerprint;
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Manifest, ModelName, ModelVersion};
 use crate::problem::{Fault, Problem};
+use crate::store::folder::is_staged;
 use crate::store::location::Location;
 use crate::store::probe::{PROBE, probe};
 use crate::store::sequence::pointer_key;
-use crate::store::{DOCUMENT_LIMIT, MODELS, Store, blob_key, file_name};
+use crate::store::{MODELS, Store, blob_key, file_name};
 
 const MARKER: &str = "registry.json";
 const FORMAT: &str = "{\"format\":\"flowservo-registry\",\"version\":2}\n";
@@ -28,7 +28,7 @@ pub(crate) fn versions_key(name: &ModelName) -> String {
 impl Registry {
     /// Opens the registry at `location`.
     pub fn open(location: &Location) -> Result<Self> {
-        let missing = || Error::NoRegistry { root: location.to_string() };
+        let missing = || Error::NoRegistry(location.to_string());
         if location.folder().is_some_and(|folder| !folder.is_dir()) {
             return Err(missing());
         }
@@ -45,7 +45,7 @@ impl Registry {
         Self::on(Store::open(location)?)
     }
 
-    /// Tests whether the store creates an object only if there is none. Fails with [`Error::Location`] otherwise.
+    /// Tests whether the store creates an object only if there is none. Fails with [`Error::Refused`] otherwise.
     pub fn probe(&self) -> Result<()> {
         probe(&self.store)
     }
@@ -60,11 +60,12 @@ impl Registry {
         }
         let objects = listing.objects.into_iter().map(|object| object.key);
         // Others may be creating this registry at the same time.
-        let mut content = listing.folders.into_iter().chain(objects).filter(|key| !key.starts_with(PROBE));
-        if let Some(found) = content.next() {
-            return Err(registry.unusable(format!(
+        let is_foreign = |key: &String| !key.starts_with(PROBE) && !is_staged(key);
+        if let Some(found) = listing.folders.into_iter().chain(objects).find(is_foreign) {
+            let reason = format!(
                 "the folder holds `{found}` but no {MARKER}; choose an empty or new folder for the registry"
-            )));
+            );
+            return Err(Error::refused(&registry.store.root, reason));
         }
         registry.probe()?;
         registry.store.create(MARKER, FORMAT.into())?;
@@ -77,17 +78,16 @@ impl Registry {
         match self.store.read(MARKER)? {
             None => Ok(false),
             Some(bytes) if bytes == FORMAT.as_bytes() => Ok(true),
-            Some(bytes) => Err(self.unusable(format!(
-                "the format in {MARKER} is `{}`, and this program reads `{}`. Export the models with the program that wrote \
+            Some(bytes) => Err(Error::refused(
+                &self.store.root,
+                format!(
+                    "the format in {MARKER} is `{}`, and this program reads `{}`. Export the models with the program that wrote \
                  them, and import them into a new registry",
-                String::from_utf8_lossy(&bytes[..bytes.len().min(100)]).trim_end().escape_debug(),
-                FORMAT.trim_end()
-            ))),
+                    String::from_utf8_lossy(&bytes[..bytes.len().min(100)]).trim_end().escape_debug(),
+                    FORMAT.trim_end()
+                ),
+            )),
         }
-    }
-
-    fn unusable(&self, reason: String) -> Error {
-        Error::Location { root: self.store.root().to_owned(), reason }
     }
 
     /// Returns the names of all models.
@@ -107,7 +107,7 @@ impl Registry {
         if !versions.is_empty() {
             return Ok(versions);
         }
-        let (root, known) = (self.store.root(), listed(self.names()?.iter()));
+        let (root, known) = (&self.store.root, listed(self.names()?.iter()));
         Err(Error::NotFound(format!("there is no model `{name}` in the registry `{root}`; it has: {known}")))
     }
 
@@ -122,33 +122,7 @@ impl Registry {
             let reason = format!("it names a version of `{}`", manifest.name());
             return Err(Fault::Malformed { reason }.of(&model, &key).into());
         }
-        Ok(ModelVersion { name: name.clone(), version: number, digest, manifest, yanked: None })
-    }
-
-    /// Reads the manifest of a version as it is stored.
-    pub(crate) fn manifest_bytes(&self, version: &ModelVersion) -> Result<Vec<u8>> {
-        let key = pointer_key(&versions_key(&version.name), version.version);
-        match self.store.follow(&version.to_string(), &key)? {
-            (bytes, digest) if digest == version.digest => Ok(bytes),
-            (_, found) => {
-                let fault = Fault::Digest { expected: version.digest, found };
-                Err(fault.of(&version.to_string(), &key).into())
-            }
-        }
-    }
-
-    /// Reads a small blob and verifies it. `model` is what it belongs to.
-    pub(crate) fn document(&self, model: &str, descriptor: &Descriptor) -> Result<Vec<u8>> {
-        let fail = |fault| Err(blob_problem(model, descriptor, fault).into());
-        if descriptor.size > DOCUMENT_LIMIT {
-            let reason = format!("it would have {} bytes, more than {DOCUMENT_LIMIT}", descriptor.size);
-            return fail(Fault::Malformed { reason });
-        }
-        let bytes = self.store.read(&blob_key(descriptor.digest))?;
-        match Fault::of_blob(descriptor.content(), bytes.as_deref().map(Fingerprint::of_bytes)) {
-            Some(fault) => fail(fault),
-            None => Ok(bytes.unwrap_or_default()),
-        }
+        Ok(ModelVersion::new(name, number, digest, manifest))
     }
 }
 
@@ -171,7 +145,7 @@ mod tests {
     #[test]
     fn opens_registries_only() {
         let place = Place::local();
-        let (root, location) = (place.path("registry"), Location::from(&place.path("registry")));
+        let (root, location) = (place.path("registry"), place.location());
         assert!(matches!(Registry::open(&location), Err(Error::NoRegistry { .. })));
         Registry::init(&location).unwrap();
         Registry::init(&location).unwrap();
@@ -186,7 +160,7 @@ mod tests {
         }
 
         let occupied = place.checkpoint("runs", b"w");
-        let refusal = Registry::init(&(&occupied).into()).unwrap_err().to_string();
+        let refusal = Registry::init(&occupied.as_path().into()).unwrap_err().to_string();
         assert!(refusal.contains("empty or new folder"), "{refusal}");
         assert!(!occupied.join(MARKER).exists());
     }

@@ -6,6 +6,7 @@
 //! the Python package `model-signing`.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 use std::path::Path;
 
 use base64::Engine as _;
@@ -15,7 +16,7 @@ use p256::pkcs8::{DecodePrivateKey as _, DecodePublicKey as _, EncodePublicKey a
 use p256::{SecretKey, ecdsa};
 use serde_json::{Value, json};
 
-use crate::digest::{Digest, Hasher, InvalidDigest};
+use crate::digest::{Digest, Fingerprint, InvalidDigest};
 use crate::error::{Error, Result};
 use crate::model::{ModelVersion, checkpoint};
 
@@ -46,8 +47,11 @@ impl SignedFiles {
         let absolute = folder.canonicalize().map_err(Error::io("read the folder", folder))?;
         let name = absolute.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut files = BTreeMap::new();
-        for (path, source) in checkpoint::list(folder, &IGNORED)? {
-            files.insert(path, checkpoint::fingerprint(&source)?.digest);
+        let (store, paths) = checkpoint::open(folder, &IGNORED)?;
+        for path in paths {
+            let digest = store.inspect(&path)?.map(|found| found.digest);
+            let gone = || Error::refused(&folder.join(&path).display(), "was deleted meanwhile");
+            files.insert(path.clone(), digest.ok_or_else(gone)?);
         }
         Ok(Self { name, files })
     }
@@ -91,10 +95,10 @@ impl SignedFiles {
 
     /// Verifies that `signature` was made with the private key of `key`, over exactly these files. The name may differ.
     pub fn verify(&self, signature: &Signature, key: &PublicKey) -> Result<()> {
-        let payload = signature.payload().map_err(Error::Signature)?;
+        let payload = signature.payload()?;
         if !signature.is_by(key, &payload) {
             let hint = signature.key_hint().unwrap_or_else(|| "unknown".to_owned());
-            return Err(Error::Signature(format!(
+            return Err(invalid(format!(
                 "it was not made with the private key of this public key ({}), or was changed since; it claims the key {hint}",
                 key.hint()?
             )));
@@ -103,26 +107,16 @@ impl SignedFiles {
         self.compare(&payload)
     }
 
-    /// Checks that `signature` is over exactly these files, with whatever key.
-    pub(crate) fn check_signed_by(&self, signature: &Signature) -> Result<()> {
-        self.compare(&signature.payload().map_err(Error::Signature)?)
-    }
-
-    fn compare(&self, payload: &[u8]) -> Result<()> {
-        let signed = parse_statement(payload).map_err(Error::Signature)?;
+    /// Checks that a signed `payload` lists exactly these files.
+    pub(crate) fn compare(&self, payload: &[u8]) -> Result<()> {
+        let signed = parse_statement(payload)?;
         let paths: BTreeSet<_> = signed.keys().chain(self.files.keys()).collect();
-        let difference = paths.into_iter().find_map(|path| match (signed.get(path), self.files.get(path)) {
-            (Some(signed), Some(found)) if signed == found => None,
-            (Some(signed), Some(found)) => {
-                Some(format!("{path} has digest {found}, the signed one is {signed}"))
-            }
-            (Some(_), None) => Some(format!("{path} was signed and is missing")),
-            (None, _) => Some(format!("{path} was not signed")),
-        });
-        match difference {
-            Some(difference) => Err(Error::Signature(format!("other files were signed: {difference}"))),
-            None => Ok(()),
-        }
+        let differs = |path: &&String| signed.get(*path) != self.files.get(*path);
+        let Some(path) = paths.into_iter().find(differs) else { return Ok(()) };
+        let digest =
+            |files: &BTreeMap<_, Digest>| files.get(path).map_or("missing".into(), Digest::to_string);
+        let (found, signed) = (digest(&self.files), digest(&signed));
+        Err(invalid(format!("other files were signed: {path} is {found}, the signed one is {signed}")))
     }
 }
 
@@ -136,14 +130,12 @@ pub struct Signature {
 impl Signature {
     /// Parses a Sigstore bundle.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let refuse = |error: &dyn std::fmt::Display| {
-            Error::Signature(format!("it is not a Sigstore bundle with a DSSE envelope: {error}"))
-        };
+        let refuse = |error: &dyn Display| invalid(format!("it is not a Sigstore bundle: {error}"));
         // The JSON reader does not check the encoding of texts that it skips.
         let text = std::str::from_utf8(bytes).map_err(|error| refuse(&error))?;
         let bundle: Value = serde_json::from_str(text).map_err(|error| refuse(&error))?;
         for required in ["/mediaType", "/dsseEnvelope/payload", "/dsseEnvelope/payloadType"] {
-            string(&bundle, required).map_err(|error| refuse(&error))?;
+            string(&bundle, required)?;
         }
         Ok(Self { text: text.to_owned(), bundle })
     }
@@ -161,11 +153,11 @@ impl Signature {
     }
 
     /// Decodes what was signed.
-    fn payload(&self) -> std::result::Result<Vec<u8>, String> {
+    pub(crate) fn payload(&self) -> Result<Vec<u8>> {
         expect(&self.bundle, "/mediaType", MEDIA_TYPE)?;
         expect(&self.bundle, "/dsseEnvelope/payloadType", PAYLOAD)?;
         let payload = BASE64.decode(string(&self.bundle, "/dsseEnvelope/payload")?);
-        payload.map_err(|error| format!("its payload is not base64: {error}"))
+        payload.map_err(|error| invalid(format!("its payload is not base64: {error}")))
     }
 
     /// Returns whether one of the signatures of `payload` was made with the private key of `key`.
@@ -175,55 +167,66 @@ impl Signature {
             let der = BASE64.decode(signature.pointer("/sig")?.as_str()?).ok()?;
             key.0.verify(&signed, &ecdsa::Signature::from_der(&der).ok()?).ok()
         };
-        let signatures = self.bundle.pointer("/dsseEnvelope/signatures").and_then(Value::as_array);
-        signatures.into_iter().flatten().any(|signature| is_valid(signature).is_some())
+        array(&self.bundle, "/dsseEnvelope/signatures").iter().any(|signature| is_valid(signature).is_some())
     }
 }
 
 /// Parses an in-toto statement with the predicate of model signing: the signed files.
-pub(crate) fn parse_statement(payload: &[u8]) -> std::result::Result<BTreeMap<String, Digest>, String> {
+pub(crate) fn parse_statement(payload: &[u8]) -> Result<BTreeMap<String, Digest>> {
     let statement: Value = serde_json::from_slice(payload)
-        .map_err(|error| format!("what was signed is not a statement on a model: {error}"))?;
+        .map_err(|error| invalid(format!("what was signed is not a statement on a model: {error}")))?;
     expect(&statement, "/_type", STATEMENT)?;
     expect(&statement, "/predicateType", PREDICATE)?;
     expect(&statement, "/predicate/serialization/method", "files")?;
-    let array = |pointer: &str| statement.pointer(pointer).and_then(Value::as_array);
     let (mut digests, mut files) = (Vec::new(), BTreeMap::new());
-    for resource in array("/predicate/resources").ok_or("it has no list of resources")? {
+    for resource in array(&statement, "/predicate/resources") {
         expect(resource, "/algorithm", "sha256")?;
-        let digest: Digest = format!("sha256:{}", string(resource, "/digest")?)
-            .parse()
-            .map_err(|error: InvalidDigest| error.to_string())?;
+        let digest = format!("sha256:{}", string(resource, "/digest")?).parse();
+        let digest = digest.map_err(|error: InvalidDigest| invalid(error.to_string()))?;
         digests.push(digest);
         let name = string(resource, "/name")?;
         if files.insert(name.to_owned(), digest).is_some() {
-            return Err(format!("it names {name} twice"));
+            return Err(invalid(format!("it names {name} twice")));
         }
     }
-    let subjects = array("/subject").map_or(0, Vec::len);
+    let subjects = array(&statement, "/subject").len();
     if subjects != 1 {
-        return Err(format!("it has {subjects} subjects, expected one"));
+        return Err(invalid(format!("it has {subjects} subjects, expected one")));
     }
-    expect(&statement, "/subject/0/digest/sha256", &root(digests.iter()).hex())?;
+    expect(&statement, "/subject/0/digest/sha256", &root(&digests).hex())?;
     Ok(files)
 }
 
 /// Computes the SHA-256 over the digests in the order of the paths.
-fn root<'a>(digests: impl Iterator<Item = &'a Digest>) -> Digest {
-    let mut hasher = Hasher::default();
-    digests.for_each(|digest| hasher.update(digest.bytes()));
-    hasher.finish().digest
+fn root<'a>(digests: impl IntoIterator<Item = &'a Digest>) -> Digest {
+    Fingerprint::of(digests.into_iter().map(|digest| digest.0)).digest
+}
+
+fn invalid(reason: String) -> Error {
+    Error::refused(&"the signature is not valid", reason)
+}
+
+fn bad_key(reason: String) -> Error {
+    Error::refused(&"the key", reason)
+}
+
+/// Returns the list at a JSON pointer, an empty one if there is none.
+fn array<'a>(document: &'a Value, pointer: &str) -> &'a [Value] {
+    document.pointer(pointer).and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
 /// Returns the string at a JSON pointer.
-fn string<'a>(document: &'a Value, pointer: &str) -> std::result::Result<&'a str, String> {
-    document.pointer(pointer).and_then(Value::as_str).ok_or_else(|| format!("it has no string {pointer}"))
+fn string<'a>(document: &'a Value, pointer: &str) -> Result<&'a str> {
+    document
+        .pointer(pointer)
+        .and_then(Value::as_str)
+        .ok_or_else(|| invalid(format!("it has no string {pointer}")))
 }
 
-fn expect(document: &Value, pointer: &str, expected: &str) -> std::result::Result<(), String> {
+fn expect(document: &Value, pointer: &str, expected: &str) -> Result<()> {
     match string(document, pointer)? {
         found if found == expected => Ok(()),
-        found => Err(format!("{pointer} is `{found}`, expected `{expected}`")),
+        found => Err(invalid(format!("{pointer} is `{found}`, expected `{expected}`"))),
     }
 }
 
@@ -243,7 +246,7 @@ impl PrivateKey {
         let key = SecretKey::from_sec1_pem(pem).ok().or_else(|| SecretKey::from_pkcs8_pem(pem).ok());
         let reason = "is not a private key on the curve NIST P-256 in PEM without a password; `openssl ecparam -name \
                       prime256v1 -genkey -noout` creates one";
-        key.map(|key| Self(key.into())).ok_or_else(|| Error::Key(reason.to_owned()))
+        key.map(|key| Self(key.into())).ok_or_else(|| bad_key(reason.to_owned()))
     }
 
     /// Returns the public key as PEM.
@@ -261,12 +264,12 @@ impl PublicKey {
     pub fn from_pem(pem: &str) -> Result<Self> {
         let reason = "is not a public key on the curve NIST P-256 in PEM; `openssl ec -in KEY -pubout` derives it from the \
                       private key";
-        ecdsa::VerifyingKey::from_public_key_pem(pem).map(Self).map_err(|_| Error::Key(reason.to_owned()))
+        ecdsa::VerifyingKey::from_public_key_pem(pem).map(Self).map_err(|_| bad_key(reason.to_owned()))
     }
 
     fn pem(&self) -> Result<String> {
         let pem = self.0.to_public_key_pem(LineEnding::LF);
-        pem.map_err(|error| Error::Key(format!("cannot be written: {error}")))
+        pem.map_err(|error| bad_key(format!("cannot be written: {error}")))
     }
 
     /// Returns the hint by which a bundle names its key: SHA-256 of the key's PEM.
@@ -354,10 +357,10 @@ mod tests {
         fs::write(folder.join(".git/a b"), "").unwrap();
         verify(&again()).unwrap();
         fs::write(folder.join("more.txt"), "").unwrap();
-        assert!(verify(&again()).unwrap_err().to_string().contains("more.txt was not signed"));
+        assert!(verify(&again()).unwrap_err().to_string().contains("more.txt is sha256:"));
         fs::remove_file(folder.join("more.txt")).unwrap();
         fs::write(folder.join("weights.bin"), "abd").unwrap();
-        assert!(verify(&again()).unwrap_err().to_string().contains("weights.bin has digest"));
+        assert!(verify(&again()).unwrap_err().to_string().contains("weights.bin is sha256:"));
         fs::remove_file(folder.join("weights.bin")).unwrap();
         assert!(verify(&again()).unwrap_err().to_string().contains("is missing"));
     }
@@ -379,7 +382,7 @@ mod tests {
         let other = PrivateKey(ecdsa::SigningKey::from_slice(&[7; 32]).unwrap());
         let other = PublicKey::from_pem(&other.public_pem().unwrap()).unwrap();
         assert!(files.verify(&signature, &other).is_err());
-        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("not a Sigstore bundle"));
+        assert!(Signature::parse(b"{}").unwrap_err().to_string().contains("no string /mediaType"));
     }
 
     /// Otherwise, the attached bytes would differ from the signed ones.
@@ -457,7 +460,7 @@ mod tests {
             "{refusal}"
         );
         // A damaged one does not hide a valid one.
-        let damaged = registry.attachments(&version).unwrap()[0].attached().unwrap().clone();
+        let damaged = registry.attachments(&version).unwrap()[0].attached.as_ref().unwrap().clone();
         crate::fixture::flip(&place.path("registry"), &crate::store::blob_key(damaged.digest));
         assert!(registry.signature_by(&version, &public()).is_err());
         registry.attach(&version, &Attachment::Signature(signature), &Note::default()).unwrap();

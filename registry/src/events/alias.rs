@@ -54,10 +54,8 @@ impl Registry {
         precondition: Precondition,
         note: &Note,
     ) -> Result<Event> {
-        match self.change_alias(&Log::of_alias(name, alias), None, precondition, note)? {
-            Some(event) => Ok(event),
-            None => Err(self.no_alias(name, alias)?),
-        }
+        let removed = self.change_alias(&Log::of_alias(name, alias), None, precondition, note)?;
+        removed.map_or_else(|| Err(self.no_alias(name, alias)), Ok)
     }
 
     fn change_alias(
@@ -67,17 +65,15 @@ impl Registry {
         precondition: Precondition,
         note: &Note,
     ) -> Result<Option<Event>> {
-        let known = self.last_event(log)?.into_iter().collect();
-        let recorded = self.record(log, known, note, &|events| {
-            let current = events.last().and_then(|(event, _)| event.target());
+        let kind = if target.is_some() { EventKind::AliasSet } else { EventKind::AliasRemoved };
+        self.record(log, log.draft(kind, target, note), &|events| {
+            let current = events.last().and_then(|event| event.target);
             if !precondition.holds(current) {
-                let found = current.map(|target| target.version);
-                return Err(Error::Conflict { subject: log.subject.clone(), found });
+                let found = current.map_or("unset".into(), |target| format!("version {}", target.version));
+                return Err(Error::Conflict(format!("{} is {found}", log.subject)));
             }
-            let change = target.map_or(EventKind::AliasRemoved, |target| EventKind::AliasSet { target });
-            Ok(if current == target { Err(()) } else { Ok(change) })
-        })?;
-        Ok(recorded.ok())
+            Ok(current != target)
+        })
     }
 
     /// Returns the aliases of `name` and the numbers of the versions that they name.
@@ -97,21 +93,21 @@ impl Registry {
     pub fn alias_history(&self, name: &ModelName, alias: &AliasName) -> Result<Vec<Event>> {
         let events = self.history(&Log::of_alias(name, alias))?;
         if events.is_empty() {
-            return Err(self.no_alias(name, alias)?);
+            return Err(self.no_alias(name, alias));
         }
-        Ok(events.into_iter().map(|(event, _)| event).collect())
+        Ok(events)
     }
 
     /// Returns what `alias` names now.
     fn target(&self, name: &ModelName, alias: &AliasName) -> Result<Option<Target>> {
-        Ok(self.last_event(&Log::of_alias(name, alias))?.and_then(|(event, _)| event.target()))
+        Ok(self.last_event(&Log::of_alias(name, alias))?.and_then(|event| event.target))
     }
 
     /// Returns the number of the version that `alias` names, and verifies that it is still the version that the alias was set
     /// to.
     pub(crate) fn aliased(&self, name: &ModelName, alias: &AliasName) -> Result<u64> {
         let Some(Target { version, digest }) = self.target(name, alias)? else {
-            return Err(self.no_alias(name, alias)?);
+            return Err(self.no_alias(name, alias));
         };
         let folder = versions_key(name);
         let fault = match self.store.pointers(&folder, &[version])?.first() {
@@ -122,9 +118,11 @@ impl Registry {
         Err(fault.of(&format!("{name}:{alias}"), &pointer_key(&folder, version)).into())
     }
 
-    fn no_alias(&self, name: &ModelName, alias: &AliasName) -> Result<Error> {
-        let known = listed(self.aliases(name)?.keys());
-        Ok(Error::NotFound(format!("there is no alias `{alias}` of {name}; its aliases are: {known}")))
+    fn no_alias(&self, name: &ModelName, alias: &AliasName) -> Error {
+        self.aliases(name).map_or_else(Into::into, |aliases| {
+            let known = listed(aliases.keys());
+            Error::NotFound(format!("there is no alias `{alias}` of {name}; its aliases are: {known}"))
+        })
     }
 }
 
@@ -166,7 +164,7 @@ mod tests {
             assert!(registry.aliases(&model("approach")).unwrap().is_empty());
             let history = registry.alias_history(&model("approach"), &champion).unwrap();
             let meant: Vec<_> =
-                history.iter().map(|event| event.target().map(|target| target.version)).collect();
+                history.iter().map(|event| event.target.map(|target| target.version)).collect();
             assert_eq!(meant, [Some(2), Some(1), None]);
             assert!(registry.remove_alias(&model("approach"), &champion, Precondition::Any, &none).is_err());
             let missing = registry.alias_history(&model("aproach"), &champion).unwrap_err();

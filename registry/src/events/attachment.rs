@@ -4,18 +4,51 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
 use super::Log;
-use super::evaluation::{Evaluation, Metric};
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, Event, EventKind, ModelVersion, Note};
 use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::Registry;
 use crate::signature::{self, PublicKey, Signature, SignedFiles};
-use crate::store::DOCUMENT_LIMIT;
+use crate::store::sequence::encode;
 
 /// Media type of an evaluation.
 const EVALUATION: &str = "application/vnd.flowservo.evaluation.v1+json";
+
+/// Metrics of a version and the configuration of their measurement: a JSON document that is attached to the version.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Name, ending in its unit, and finite value.
+    pub metrics: BTreeMap<String, f64>,
+    /// Configuration of the measurement, in the evaluator's words: enough to repeat it.
+    pub configuration: BTreeMap<String, Value>,
+}
+
+/// One metric of a version.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Metric {
+    /// The value.
+    pub value: f64,
+    /// Number of the event that attached the evaluation. `None` if the value is from the version's own manifest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attachment: Option<u64>,
+}
+
+/// Refuses values that JSON cannot represent.
+pub(crate) fn check_finite(metrics: &BTreeMap<String, f64>) -> Result<()> {
+    match metrics.iter().find(|(_, value)| !value.is_finite()) {
+        Some((name, value)) => Err(Error::refused(
+            &format!("metric `{name}`"),
+            format!("it is {value}; only finite numbers can be published"),
+        )),
+        None => Ok(()),
+    }
+}
 
 /// What can be attached to a version.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,44 +61,34 @@ pub enum Attachment {
 }
 
 impl Attachment {
-    fn media_type(&self) -> &'static str {
+    /// Returns the media type and the bytes. Refuses an attachment that does not belong to `version`.
+    fn encode(&self, version: &ModelVersion) -> Result<(&'static str, Vec<u8>)> {
         match self {
-            Self::Signature(_) => signature::MEDIA_TYPE,
-            Self::Evaluation(_) => EVALUATION,
-        }
-    }
-
-    /// Serializes the attachment. Refuses one that does not belong to `version`.
-    fn to_bytes(&self, version: &ModelVersion) -> Result<Vec<u8>> {
-        let bytes = match self {
             Self::Signature(signature) => {
-                SignedFiles::of_version(version).check_signed_by(signature)?;
-                signature.as_str().as_bytes().to_owned()
+                SignedFiles::of_version(version).compare(&signature.payload()?)?;
+                Ok((signature::MEDIA_TYPE, signature.as_str().into()))
+            }
+            Self::Evaluation(evaluation) if evaluation.metrics.is_empty() => {
+                Err(Error::refused(version, "the evaluation has no metrics"))
             }
             Self::Evaluation(evaluation) => {
-                evaluation.check(version)?;
-                let text = serde_json::to_string_pretty(evaluation);
-                format!("{}\n", text.map_err(|error| Error::refused(version, error.to_string()))?)
-                    .into_bytes()
+                check_finite(&evaluation.metrics)?;
+                Ok((EVALUATION, encode(version, evaluation)?))
             }
-        };
-        if bytes.len() as u64 > DOCUMENT_LIMIT {
-            let reason = format!("the attachment has {} bytes, more than {DOCUMENT_LIMIT}", bytes.len());
-            return Err(Error::refused(version, reason));
         }
-        Ok(bytes)
     }
 
     /// Parses an attachment. Returns `None` for an unknown media type.
     fn parse(media_type: &str, bytes: &[u8]) -> std::result::Result<Option<Self>, String> {
-        let attachment = match media_type {
+        Ok(match media_type {
             signature::MEDIA_TYPE => {
-                Self::Signature(Signature::parse(bytes).map_err(|error| error.to_string())?)
+                Some(Self::Signature(Signature::parse(bytes).map_err(|error| error.to_string())?))
             }
-            EVALUATION => Self::Evaluation(serde_json::from_slice(bytes).map_err(|error| error.to_string())?),
-            _ => return Ok(None),
-        };
-        Ok(Some(attachment))
+            EVALUATION => {
+                Some(Self::Evaluation(serde_json::from_slice(bytes).map_err(|error| error.to_string())?))
+            }
+            _ => None,
+        })
     }
 }
 
@@ -79,8 +102,8 @@ impl Registry {
         attachment: &Attachment,
         note: &Note,
     ) -> Result<Outcome<Event>> {
-        let bytes = attachment.to_bytes(version)?;
-        self.attach_bytes(version, &Descriptor::document(attachment.media_type(), &bytes), bytes, note)
+        let (media_type, bytes) = attachment.encode(version)?;
+        self.attach_bytes(version, &Descriptor::document(media_type, &bytes), &bytes, note)
     }
 
     /// Attaches `bytes`, which `attached` describes.
@@ -88,30 +111,37 @@ impl Registry {
         &self,
         version: &ModelVersion,
         attached: &Descriptor,
-        bytes: Vec<u8>,
+        bytes: &[u8],
         note: &Note,
     ) -> Result<Outcome<Event>> {
-        self.store.put_blob(bytes)?;
-        let (log, target) = (Log::of_version(&version.name, version.version), version.target());
-        let recorded = self.record(&log, self.history(&log)?, note, &|events| {
-            let same = events.iter().find(|(event, _)| event.attached() == Some(attached));
-            let attach = || EventKind::Attached { target, attached: attached.clone() };
-            Ok(same.map_or_else(|| Ok(attach()), |(event, _)| Err(Box::new(event.clone()))))
-        })?;
-        Ok(recorded.map_or_else(|event| Outcome::AlreadyThere(*event), Outcome::New))
+        // A damaged blob is repaired, even if it is attached already.
+        self.store.put_document(version, bytes)?;
+        let log = Log::of_version(version);
+        let is_same = |event: &Event| event.attached.as_ref() == Some(attached);
+        if let Some(event) = self.history(&log)?.into_iter().find(is_same) {
+            return Ok(Outcome::AlreadyThere(event));
+        }
+        let draft = log.draft(EventKind::Attached, Some(version.target()), note);
+        let event = Event { attached: Some(attached.clone()), ..draft };
+        let recorded = self.record(&log, event, &|events| Ok(!events.iter().any(is_same)))?;
+        // If nothing was recorded, another process was faster.
+        recorded.map_or_else(
+            || self.attach_bytes(version, attached, bytes, note),
+            |event| Ok(Outcome::New(event)),
+        )
     }
 
     /// Returns the events that attach something to `version`, in order. [`Registry::attachment`] reads what they attach.
     pub fn attachments(&self, version: &ModelVersion) -> Result<Vec<Event>> {
-        Ok(self.events(version)?.into_iter().filter(|event| event.attached().is_some()).collect())
+        Ok(self.events(version)?.into_iter().filter(|event| event.attached.is_some()).collect())
     }
 
     /// Reads what `event`, one of the [`attachments`](Self::attachments) of `version`, attaches, and verifies it. Returns `None`
     /// for a kind of attachment that this program does not know.
     pub fn attachment(&self, version: &ModelVersion, event: &Event) -> Result<Option<Attachment>> {
-        let Some(attached) = event.attached() else { return Ok(None) };
-        let log = Log::of_version(&version.name, version.version);
-        let bytes = self.document(&log.affected(), attached)?;
+        let Some(attached) = &event.attached else { return Ok(None) };
+        let log = Log::of_version(version);
+        let bytes = self.store.document(&log.affected(), attached.digest)?;
         let malformed = |reason| log.problem(event.number, Fault::Malformed { reason }).into();
         Attachment::parse(&attached.media_type, &bytes).map_err(malformed)
     }
@@ -135,7 +165,7 @@ impl Registry {
         Ok(self.metrics(version)?.into_iter().map(|(name, metric)| (name, metric.value)).collect())
     }
 
-    /// Returns the event that attaches a valid signature of `version` with the owner's `key`. Fails with [`Error::Unsigned`] if
+    /// Returns the event that attaches a valid signature of `version` with the owner's `key`. Fails with [`Error::NotFound`] if
     /// there is none.
     pub fn signature_by(&self, version: &ModelVersion, key: &PublicKey) -> Result<Event> {
         let files = SignedFiles::of_version(version);
@@ -156,14 +186,14 @@ impl Registry {
             0 => "no signature is attached; `model sign` attaches one".to_owned(),
             count => format!("none of {count} signatures is valid; {}", found.join("; ")),
         };
-        Err(Error::Unsigned { model: version.to_string(), reason })
+        Err(Error::NotFound(format!("{version} is not signed with this key: {reason}")))
     }
 }
 
 /// Returns the events that attach something of this media type.
 fn of_type<'a>(events: &'a [Event], media_type: &str) -> impl DoubleEndedIterator<Item = &'a Event> {
     let is_of_type = move |attached: &Descriptor| attached.media_type == media_type;
-    events.iter().filter(move |event| event.attached().is_some_and(is_of_type))
+    events.iter().filter(move |event| event.attached.as_ref().is_some_and(is_of_type))
 }
 
 #[cfg(test)]
@@ -176,6 +206,7 @@ mod tests {
     use crate::events::alias::Precondition;
     use crate::fixture::{Place, evaluation, flip, key, model};
     use crate::model::{Provenance, Target};
+    use crate::store::DOCUMENT_LIMIT;
     use crate::store::blob_key;
     use crate::store::sequence::pointer_key;
 
@@ -269,7 +300,7 @@ mod tests {
                 }
             });
             let events = registry.attachments(version).unwrap();
-            let contents: BTreeSet<_> = events.iter().map(|e| e.attached().unwrap().digest).collect();
+            let contents: BTreeSet<_> = events.iter().map(|e| e.attached.as_ref().unwrap().digest).collect();
             assert_eq!((events.len(), contents.len(), new.into_inner()), (10, 10, 10));
             assert!(registry.verify(None).unwrap().problems.is_empty());
         }
@@ -310,7 +341,7 @@ mod tests {
         for logged in registry.attachments(&version).unwrap() {
             let pointer = pointer_key(LOG, logged.number);
             let event = blob_key(registry.store.follow("", &pointer).unwrap().1);
-            let blob = blob_key(logged.attached().unwrap().digest);
+            let blob = blob_key(logged.attached.as_ref().unwrap().digest);
             for object in [&pointer, &event, &blob] {
                 let intact = fs::read(root.join(object)).unwrap();
                 for position in (0..intact.len()).step_by(17) {
@@ -342,11 +373,12 @@ mod tests {
         fs::create_dir(root.join("models/approach/events/1")).unwrap();
         fs::write(root.join(format!("{LOG}/1")), "").unwrap();
         fs::remove_file(root.join(format!("{LOG}/000002"))).unwrap();
-        let found: Vec<_> =
+        let mut found: Vec<_> =
             registry.verify(None).unwrap().problems.into_iter().map(|p| (p.object, p.fault)).collect();
+        found.sort_by(|a, b| a.0.cmp(&b.0));
         let stray = |key: &str| (format!("models/approach/events/{key}"), Fault::Stray);
         let gap = (format!("{LOG}/000002"), Fault::Missing);
-        assert_eq!(found, [stray("notes"), stray("000001/1"), gap, stray("1")]);
+        assert_eq!(found, [gap, stray("000001/1"), stray("1"), stray("notes")]);
 
         // An event that names another manifest, and one of a version that does not exist.
         let place = Place::local();
@@ -367,12 +399,12 @@ mod tests {
     fn events_in_the_wrong_log_are_refused() {
         let place = Place::local();
         let (registry, version) = with_attachments(&place);
-        let (events, log) = (registry.events(&version).unwrap(), Log::of_version(&version.name, 1));
-        let (_, previous) = registry.event(&log, 3).unwrap();
+        let (events, log) = (registry.events(&version).unwrap(), Log::of_version(&version));
+        let previous = registry.event(&log, 3).unwrap().digest;
         let other = Target { version: 2, ..version.target() };
-        for kind in [EventKind::AliasRemoved, EventKind::Yanked { target: other }] {
-            let wrong = Event { number: 4, previous: Some(previous), kind, ..events[0].clone() };
-            let bytes = crate::events::encode(&wrong).unwrap();
+        for (kind, target) in [(EventKind::AliasRemoved, None), (EventKind::Yanked, Some(other))] {
+            let wrong = Event { number: 4, previous, kind, target, attached: None, ..events[0].clone() };
+            let bytes = encode(&wrong.subject, &wrong).unwrap();
             let digest = registry.store.put_blob(bytes).unwrap();
             assert!(registry.store.point(&log.folder, 4, digest).unwrap());
             let refusal = registry.attachments(&version).unwrap_err().to_string();
@@ -388,7 +420,7 @@ mod tests {
         let place = Place::local();
         let (registry, version) = with_attachments(&place);
         let entry = registry.attachments(&version).unwrap().remove(0);
-        flip(&place.path("registry"), &blob_key(entry.attached().unwrap().digest));
+        flip(&place.path("registry"), &blob_key(entry.attached.as_ref().unwrap().digest));
         assert_eq!(registry.verify(None).unwrap().problems.len(), 1);
         assert!(matches!(attach(&registry, &version, 0.5), Outcome::AlreadyThere(_)));
         assert!(registry.verify(None).unwrap().problems.is_empty());
@@ -400,7 +432,7 @@ mod tests {
         let place = Place::local();
         let (registry, version) = with_attachments(&place);
         let attached = Descriptor::document("application/spdx+json", b"sbom");
-        registry.attach_bytes(&version, &attached, b"sbom".to_vec(), &Note::default()).unwrap();
+        registry.attach_bytes(&version, &attached, b"sbom", &Note::default()).unwrap();
         assert!(registry.verify(None).unwrap().problems.is_empty());
         let events = registry.attachments(&version).unwrap();
         assert_eq!(registry.attachment(&version, &events[3]).unwrap(), None);
@@ -459,7 +491,7 @@ mod tests {
         let registry = place.registry();
         let version = place.publish(&registry, "approach", b"one");
         let attached = registry.attach(&version, &evaluation("x", 1.0), &Note::default()).unwrap();
-        let digest = attached.value().attached().unwrap().digest;
+        let digest = attached.value().attached.as_ref().unwrap().digest;
         flip(&place.path("registry"), &blob_key(digest));
         assert!(matches!(registry.metrics(&version), Err(Error::Damaged(_))));
         registry.pull(&"approach".parse().unwrap(), &place.path("pulled")).unwrap();

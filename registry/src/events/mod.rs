@@ -5,17 +5,16 @@
 //! it. A log cannot tell that its last events were removed.
 
 use crate::digest::Digest;
-use crate::error::{Error, Result};
-use crate::model::{AliasName, Event, EventKind, ModelName, ModelVersion, Note};
+use crate::error::Result;
+use crate::model::{AliasName, Event, EventKind, ModelName, ModelVersion, Note, Target};
 use crate::problem::{Fault, Problem};
 use crate::registry::Registry;
 use crate::store::MODELS;
-use crate::store::sequence::{parse_number, pointer_key};
+use crate::store::sequence::{encode, parse_number, pointer_key};
 
 pub(crate) mod alias;
 pub(crate) mod attachment;
-pub(crate) mod evaluation;
-mod yank;
+pub(crate) mod yank;
 
 /// Returns the folder of the logs of `name`.
 pub(crate) fn events_key(name: &ModelName) -> String {
@@ -41,15 +40,26 @@ impl Log {
     }
 
     /// Returns the log of version `number`.
-    pub(crate) fn of_version(name: &ModelName, number: u64) -> Self {
+    pub(crate) fn of_number(name: &ModelName, number: u64) -> Self {
         let (subject, folder) = (format!("{name}@{number}"), format!("{}/{number:06}", events_key(name)));
         Self { subject, folder, version: Some(number) }
+    }
+
+    /// Returns the log of a version.
+    pub(crate) fn of_version(version: &ModelVersion) -> Self {
+        Self::of_number(&version.name, version.version)
     }
 
     /// Returns the log in a folder of this name: a version's number or an alias.
     pub(crate) fn in_folder(name: &ModelName, folder: &str) -> Option<Self> {
         let of_alias = || Some(Self::of_alias(name, &folder.parse().ok()?));
-        parse_number(folder).map(|number| Self::of_version(name, number)).or_else(of_alias)
+        parse_number(folder).map(|number| Self::of_number(name, number)).or_else(of_alias)
+    }
+
+    /// Returns an event to be recorded.
+    fn draft(&self, kind: EventKind, target: Option<Target>, note: &Note) -> Event {
+        let (subject, note) = (self.subject.clone(), note.clone());
+        Event { subject, number: 1, previous: None, digest: None, kind, target, attached: None, note }
     }
 
     /// Returns what a problem in this log affects. The files of a version are not affected.
@@ -71,11 +81,16 @@ impl Log {
         if event.previous.is_some() != (number > 1) {
             return Err("each event but the first names the digest of the previous one".into());
         }
-        let is_of_alias = matches!(event.kind, EventKind::AliasSet { .. } | EventKind::AliasRemoved);
-        if is_of_alias == self.version.is_some() {
-            return Err("aliases and versions have different events".into());
+        let expected = match event.kind {
+            EventKind::AliasSet => (true, true, false),
+            EventKind::AliasRemoved => (true, false, false),
+            EventKind::Yanked | EventKind::Unyanked => (false, true, false),
+            EventKind::Attached => (false, true, true),
+        };
+        if (self.version.is_none(), event.target.is_some(), event.attached.is_some()) != expected {
+            return Err("it is of another subject than its kind, or has the fields of another kind".into());
         }
-        match event.target() {
+        match event.target {
             Some(target) if self.version.is_some_and(|version| version != target.version) => {
                 Err(format!("it refers to version {}", target.version))
             }
@@ -92,44 +107,39 @@ pub(crate) fn broken_chain(event: &Event, previous: Option<Digest>) -> Option<Fa
     (event.previous != previous).then(|| Fault::Malformed { reason: reason() })
 }
 
-/// An event and its digest.
-type Logged = (Event, Digest);
-
-/// The event to append. The inner error is the reason why none is needed.
-type Decision<T> = Result<std::result::Result<EventKind, T>>;
-
 impl Registry {
-    /// Reads event `number`. Fails with [`Error::Damaged`] if it is not the one that was recorded.
-    pub(crate) fn event(&self, log: &Log, number: u64) -> Result<Logged> {
+    /// Reads event `number`. Fails with [`crate::Error::Damaged`] if it is not the one that was recorded.
+    pub(crate) fn event(&self, log: &Log, number: u64) -> Result<Event> {
         let (bytes, digest) = self.store.follow(&log.affected(), &pointer_key(&log.folder, number))?;
         let event = log.parse(&bytes, number);
-        Ok((event.map_err(|reason| log.problem(number, Fault::Malformed { reason }))?, digest))
+        let event = event.map_err(|reason| log.problem(number, Fault::Malformed { reason }))?;
+        Ok(Event { digest: Some(digest), ..event })
     }
 
     /// Reads the last event.
-    fn last_event(&self, log: &Log) -> Result<Option<Logged>> {
+    fn last_event(&self, log: &Log) -> Result<Option<Event>> {
         let last = self.store.numbers(&log.folder)?.last().copied();
         last.map(|number| self.event(log, number)).transpose()
     }
 
     /// Reads all events in order, and verifies their chain.
-    fn history(&self, log: &Log) -> Result<Vec<Logged>> {
-        let mut events: Vec<Logged> = Vec::new();
+    fn history(&self, log: &Log) -> Result<Vec<Event>> {
+        let mut events: Vec<Event> = Vec::new();
         for number in 1..=self.store.numbers(&log.folder)?.last().copied().unwrap_or(0) {
-            let (event, digest) = self.event(log, number)?;
-            if let Some(fault) = broken_chain(&event, events.last().map(|&(_, digest)| digest)) {
+            let event = self.event(log, number)?;
+            if let Some(fault) = broken_chain(&event, events.last().and_then(|last| last.digest)) {
                 return Err(log.problem(number, fault).into());
             }
-            events.push((event, digest));
+            events.push(event);
         }
         Ok(events)
     }
 
     /// Returns the events of a version in order.
     pub(crate) fn events(&self, version: &ModelVersion) -> Result<Vec<Event>> {
-        let log = Log::of_version(&version.name, version.version);
-        let events: Vec<_> = self.history(&log)?.into_iter().map(|(event, _)| event).collect();
-        match events.iter().find(|event| event.target() != Some(version.target())) {
+        let log = Log::of_version(version);
+        let events = self.history(&log)?;
+        match events.iter().find(|event| event.target != Some(version.target())) {
             Some(other) => {
                 let reason = format!("it refers to another version than {}", version.digest);
                 Err(log.problem(other.number, Fault::Malformed { reason }).into())
@@ -138,42 +148,30 @@ impl Registry {
         }
     }
 
-    /// Appends the event that `decide` returns, given the `known` events, of which the last must be the last of the log. Appends
-    /// nothing if `decide` returns an inner error. If another writer is first, `decide` is called again with its event.
-    fn record<T>(
+    /// Appends `event` if it `is_due`, given the last event of an alias or all events of a version. Sets its number, its digest and
+    /// the previous one. If another writer is first, `is_due` is asked again with its event.
+    fn record(
         &self,
         log: &Log,
-        mut known: Vec<Logged>,
-        note: &Note,
-        decide: &dyn Fn(&[Logged]) -> Decision<T>,
-    ) -> Result<std::result::Result<Event, T>> {
-        loop {
-            let kind = match decide(&known)? {
-                Ok(kind) => kind,
-                Err(unchanged) => return Ok(Err(unchanged)),
-            };
-            let event = Event {
-                subject: log.subject.clone(),
-                number: known.last().map_or(0, |(event, _)| event.number) + 1,
-                previous: known.last().map(|&(_, digest)| digest),
-                kind,
-                note: note.clone(),
-            };
-            let digest = self.store.put_document(&log.subject, &encode(&event)?)?;
+        mut event: Event,
+        is_due: &dyn Fn(&[Event]) -> Result<bool>,
+    ) -> Result<Option<Event>> {
+        let mut known = if log.version.is_some() {
+            self.history(log)?
+        } else {
+            self.last_event(log)?.into_iter().collect()
+        };
+        while is_due(&known)? {
+            event.number = known.last().map_or(0, |last| last.number) + 1;
+            event.previous = known.last().and_then(|last| last.digest);
+            let digest = self.store.put_document(&log.subject, &encode(&log.subject, &event)?)?;
             if self.store.point(&log.folder, event.number, digest)? {
-                return Ok(Ok(event));
+                return Ok(Some(Event { digest: Some(digest), ..event }));
             }
             known.push(self.event(log, event.number)?);
         }
+        Ok(None)
     }
-}
-
-/// Serializes an event.
-pub(crate) fn encode(event: &Event) -> Result<Vec<u8>> {
-    let bytes = serde_json::to_vec_pretty(event);
-    let mut bytes = bytes.map_err(|error| Error::refused(&event.subject, error.to_string()))?;
-    bytes.push(b'\n');
-    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -181,6 +179,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::error::Error;
     use crate::events::alias::Precondition;
     use crate::fixture::{Place, flip, model};
 
@@ -199,7 +198,7 @@ mod tests {
     }
 
     fn current(registry: &Registry) -> Result<Option<u64>> {
-        Ok(registry.last_event(&log())?.and_then(|(event, _)| event.target()).map(|target| target.version))
+        Ok(registry.last_event(&log())?.and_then(|event| event.target).map(|target| target.version))
     }
 
     #[test]
@@ -222,12 +221,12 @@ mod tests {
             assert_eq!(set(&registry, &one, Precondition::Any).unwrap(), None, "already in force");
             let note = Note { reason: Some("it won".into()), ..Note::default() };
             registry.set_alias(&"champion".parse().unwrap(), &two, Precondition::Version(1), &note).unwrap();
-            assert_eq!(registry.last_event(&log()).unwrap().unwrap().0.note, note);
+            assert_eq!(registry.last_event(&log()).unwrap().unwrap().note, note);
             assert_eq!(current(&registry).unwrap(), Some(2));
             end().unwrap();
             assert_eq!(current(&registry).unwrap(), None);
             let events = registry.history(&log()).unwrap();
-            let targets: Vec<_> = events.iter().map(|(event, _)| (event.number, event.target())).collect();
+            let targets: Vec<_> = events.iter().map(|event| (event.number, event.target)).collect();
             assert_eq!(targets, [(1, Some(one.target())), (2, Some(two.target())), (3, None)]);
         }
     }
@@ -270,8 +269,7 @@ mod tests {
                 }
             });
             let events = registry.history(&log()).unwrap();
-            let mut versions: Vec<_> =
-                events.iter().map(|(event, _)| event.target().unwrap().version).collect();
+            let mut versions: Vec<_> = events.iter().map(|event| event.target.unwrap().version).collect();
             versions.sort_unstable();
             versions.dedup();
             assert_eq!((events.len(), versions.len()), (33, 33));
@@ -288,7 +286,7 @@ mod tests {
             set(&registry, &one, Precondition::Any).unwrap();
             set(&registry, &two, Precondition::Any).unwrap();
             let pointer = pointer_key(&log().folder, 2);
-            let digest = registry.event(&log(), 2).unwrap().1;
+            let digest = registry.event(&log(), 2).unwrap().digest.unwrap();
             let key = if damage_document { crate::store::blob_key(digest) } else { pointer };
             flip(&place.path("registry"), &key);
             assert!(matches!(current(&registry), Err(Error::Damaged(_))));
@@ -310,10 +308,10 @@ mod tests {
         fs::remove_file(path(4)).unwrap();
 
         // Another event 2, correctly stored: only the digest in event 3 reveals it.
-        let (mut other, _) = registry.event(&log(), 2).unwrap();
-        other.kind = EventKind::AliasSet { target: version(7).target() };
+        let mut other = registry.event(&log(), 2).unwrap();
+        other.target = Some(version(7).target());
         fs::remove_file(path(2)).unwrap();
-        let digest = registry.store.put_blob(encode(&other).unwrap()).unwrap();
+        let digest = registry.store.put_blob(encode(&other.subject, &other).unwrap()).unwrap();
         assert!(registry.store.point(&log().folder, 2, digest).unwrap());
         let broken = registry.history(&log()).unwrap_err().to_string();
         assert!(broken.contains("000003") && broken.contains("the previous event"), "{broken}");

@@ -5,13 +5,14 @@ use crate::error::Result;
 use crate::model::{Event, EventKind, ModelName, ModelVersion, Note};
 use crate::registry::Registry;
 
+/// Returns the last yank or reversal of a yank.
+pub(crate) fn last_yank(events: &[Event]) -> Option<&Event> {
+    events.iter().rev().find(|event| matches!(event.kind, EventKind::Yanked | EventKind::Unyanked))
+}
+
 /// Returns the note of the yank in force after these events.
-pub(crate) fn yank_in_force<'a>(events: impl DoubleEndedIterator<Item = &'a Event>) -> Option<Note> {
-    events.rev().find_map(|event| match event.kind {
-        EventKind::Yanked { .. } => Some(Some(event.note.clone())),
-        EventKind::Unyanked { .. } => Some(None),
-        _ => None,
-    })?
+fn yank_in_force(events: &[Event]) -> Option<Note> {
+    last_yank(events).filter(|event| event.kind == EventKind::Yanked).map(|event| event.note.clone())
 }
 
 impl Registry {
@@ -19,33 +20,29 @@ impl Registry {
     ///
     /// Its number, its digest and its aliases still name it. It is then marked as yanked, and not the newest.
     pub fn yank(&self, version: &ModelVersion, note: &Note) -> Result<Option<Event>> {
-        self.set_yanked(version, true, note)
+        self.set_yanked(version, EventKind::Yanked, note)
     }
 
     /// Takes the yank of `version` back and returns the new event. Returns `None` if it is not yanked.
     pub fn unyank(&self, version: &ModelVersion, note: &Note) -> Result<Option<Event>> {
-        self.set_yanked(version, false, note)
+        self.set_yanked(version, EventKind::Unyanked, note)
     }
 
-    fn set_yanked(&self, version: &ModelVersion, yanked: bool, note: &Note) -> Result<Option<Event>> {
-        let (log, target) = (Log::of_version(&version.name, version.version), version.target());
-        let recorded = self.record(&log, self.history(&log)?, note, &|events| {
-            let is_yanked = yank_in_force(events.iter().map(|(event, _)| event)).is_some();
-            let kind = if yanked { EventKind::Yanked { target } } else { EventKind::Unyanked { target } };
-            Ok(if is_yanked == yanked { Err(()) } else { Ok(kind) })
-        })?;
-        Ok(recorded.ok())
+    fn set_yanked(&self, version: &ModelVersion, kind: EventKind, note: &Note) -> Result<Option<Event>> {
+        let log = Log::of_version(version);
+        self.record(&log, log.draft(kind, Some(version.target()), note), &|events| {
+            Ok(yank_in_force(events).is_some() != (kind == EventKind::Yanked))
+        })
     }
 
     /// Returns the note of the yank in force for version `number`, if any.
     pub(crate) fn yanked(&self, name: &ModelName, number: u64) -> Result<Option<Note>> {
-        let events = self.history(&Log::of_version(name, number))?;
-        Ok(yank_in_force(events.iter().map(|(event, _)| event)))
+        Ok(yank_in_force(&self.history(&Log::of_number(name, number))?))
     }
 
     /// Completes a loaded version with the yank in force.
     pub(crate) fn with_yank(&self, version: ModelVersion) -> Result<ModelVersion> {
-        let yanked = yank_in_force(self.events(&version)?.iter());
+        let yanked = yank_in_force(&self.events(&version)?);
         Ok(ModelVersion { yanked, ..version })
     }
 }

@@ -1,11 +1,11 @@
 //! Model cards: the `README.md` of an exported model, with front matter for the Hugging Face Hub.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::model::ModelVersion;
+use crate::operations::diff::flattened;
 
 /// Name of the file.
 pub(super) const FILE: &str = "README.md";
@@ -14,14 +14,9 @@ pub(super) const FILE: &str = "README.md";
 pub(super) fn text(version: &ModelVersion, values: &BTreeMap<String, f64>, license: Option<&str>) -> String {
     let ModelVersion { name, version: number, digest, manifest, .. } = version;
     let created = manifest.created().map(|time| format!(", created {time}")).unwrap_or_default();
-    let metrics = values.iter().map(|(name, value)| [code(name), value.to_string()]).collect();
-    let mut interface = Vec::new();
-    for (key, value) in &manifest.interface {
-        leaves(key, value, &mut interface);
-    }
-    let metrics = table("Metrics", ["metric", "value"], metrics);
-    let lineage = table("Lineage", ["", ""], lineage(version));
-    let interface = table("Inputs and outputs", ["", ""], interface);
+    let metrics = table("Metrics", ["metric", "value"], json!(values));
+    let lineage = table("Lineage", ["", ""], json!(manifest.lineage));
+    let interface = table("Inputs and outputs", ["", ""], json!(manifest.interface));
     let front_matter = front_matter(version, values, license);
     format!(
         "{front_matter}# {name}\n\nVersion {number} of `{name}`{created}, with the manifest `{digest}`.\n\n\
@@ -36,22 +31,19 @@ pub(super) fn text(version: &ModelVersion, values: &BTreeMap<String, f64>, licen
 
 fn front_matter(version: &ModelVersion, values: &BTreeMap<String, f64>, license: Option<&str>) -> String {
     let license = license.map(|license| format!("license: {}\n", quoted(license))).unwrap_or_default();
-    let names: Vec<String> = version.manifest.lineage.datasets.keys().map(|name| quoted(name)).collect();
-    let (mut datasets, mut results) = (String::new(), String::new());
-    if !names.is_empty() {
-        datasets = format!("datasets:\n- {}\n", names.join("\n- "));
-    }
+    let names: Vec<_> = version.manifest.lineage.datasets.keys().map(|name| quoted(name)).collect();
+    let datasets =
+        if names.is_empty() { String::new() } else { format!("datasets:\n- {}\n", names.join("\n- ")) };
+    let metric = |(metric, value): (&String, &f64)| {
+        let name = metric.replace('_', " ");
+        format!("    - type: {metric}\n      name: {name}\n      value: {value:?}\n")
+    };
+    let mut results: String = values.iter().map(metric).collect();
     if !values.is_empty() {
-        let metric = |(metric, value): (&String, &f64)| {
-            let name = metric.replace('_', " ");
-            format!("    - type: {metric}\n      name: {name}\n      value: {value:?}\n")
-        };
-        let metrics: Vec<_> = values.iter().map(metric).collect();
         let (name, dataset) = (&version.name, quoted(&names.join(", ").replace('"', "")));
         results = format!(
             "model-index:\n- name: {name}\n  results:\n  - task:\n      type: robotics\n      name: visual servoing\n    \
-             dataset:\n      type: flowservo\n      name: {dataset}\n    metrics:\n{}",
-            metrics.concat()
+             dataset:\n      type: flowservo\n      name: {dataset}\n    metrics:\n{results}"
         );
     }
     format!(
@@ -60,60 +52,20 @@ fn front_matter(version: &ModelVersion, values: &BTreeMap<String, f64>, license:
     )
 }
 
-fn lineage(version: &ModelVersion) -> Vec<[String; 2]> {
-    let lineage = &version.manifest.lineage;
-    let datasets =
-        lineage.datasets.iter().map(|(name, digest)| (format!("dataset {name}"), digest.to_string()));
-    let facts = [
-        ("configuration", lineage.config.map(|digest| digest.to_string())),
-        ("parent", lineage.parent.map(|digest| digest.to_string())),
-        ("code revision", lineage.code_revision.clone()),
-        ("seed", lineage.seed.map(|seed| seed.to_string())),
-        ("device", lineage.device.clone()),
-    ];
-    let facts = facts.into_iter().filter_map(|(what, value)| Some((what.to_owned(), value?)));
-    let software = lineage.software.iter().map(|(name, version)| (name.clone(), version.clone()));
-    datasets.chain(facts).chain(software).map(|(what, value)| [what, code(&value)]).collect()
-}
-
-/// Collects the scalars below `value`, with their keys joined by dots. A list is one scalar.
-fn leaves(key: &str, value: &Value, rows: &mut Vec<[String; 2]>) {
-    match value {
-        Value::Object(object) => {
-            for (inner, value) in object {
-                leaves(&format!("{key}.{inner}"), value, rows);
-            }
-        }
-        Value::String(text) => rows.push([code(key), cell(text)]),
-        other => rows.push([code(key), cell(&other.to_string())]),
-    }
-}
-
-/// Writes a section with a table, or nothing if there are no rows.
-fn table(title: &str, header: [&str; 2], rows: Vec<[String; 2]>) -> String {
-    if rows.is_empty() {
-        return String::new();
-    }
-    let mut text = format!("## {title}\n\n| {} | {} |\n|---|---|\n", header[0], header[1]);
-    for [left, right] in rows {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "| {left} | {right} |");
-    }
-    text.push('\n');
-    text
+/// Writes a section with the values of a document, or nothing if it is empty.
+fn table(title: &str, [left, right]: [&str; 2], document: Value) -> String {
+    let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
+    let row = |(key, value): (String, Value)| {
+        let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        format!("| `{}` | {} |\n", cell(&key), cell(&value))
+    };
+    let rows: String = flattened(document).into_iter().map(row).collect();
+    if rows.is_empty() { rows } else { format!("## {title}\n\n| {left} | {right} |\n|---|---|\n{rows}\n") }
 }
 
 /// Quotes a string for YAML, of which JSON is a part.
 fn quoted(text: &str) -> String {
     Value::from(text).to_string()
-}
-
-fn cell(text: &str) -> String {
-    text.replace('|', "\\|").replace('\n', " ")
-}
-
-fn code(text: &str) -> String {
-    format!("`{}`", cell(text))
 }
 
 #[cfg(test)]
@@ -160,8 +112,8 @@ mod tests {
             "# approach\n",
             &published.value().digest.to_string(),
             "| `table1_position_norm_mm` | 4.5 |",
-            "| seed | `7` |",
-            "| burn | `0.22.1` |",
+            "| `seed` | 7 |",
+            "| `software.burn` | 0.22.1 |",
             "| `input.width` | 128 |",
             "| `input.images` | [\"a\\|b\"] |",
             "2026-11-22T10:00:00Z",

@@ -6,7 +6,7 @@ use super::card;
 use super::import::Import;
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, ModelName, ModelRef, ModelVersion};
-use crate::operations::pull::{finish, stage_beside, write_new};
+use crate::operations::pull::{export, write_new};
 use crate::outcome::Outcome;
 use crate::registry::Registry;
 
@@ -38,14 +38,15 @@ impl Registry {
                 return Err(Error::refused(&version, reason));
             }
         }
-        let staged = stage_beside(destination, &version)?;
-        for layer in &version.manifest.layers {
-            self.write_blob(&version, layer, &staged.path.join(locate(layer)))?;
-        }
         let card = card::text(&version, &self.values(&version)?, license);
-        write_new(&staged.path.join(card::FILE), card.as_bytes())?;
-        write_new(&staged.path.join(MANIFEST), &self.manifest_bytes(&version)?)?;
-        finish(staged, destination, &version)?;
+        let manifest = self.store.document(&version.to_string(), version.digest)?;
+        export(&version, destination, &|root| {
+            for layer in &version.manifest.layers {
+                self.write_blob(&version, layer, &root.join(locate(layer)))?;
+            }
+            write_new(&root.join(card::FILE), card.as_bytes())?;
+            write_new(&root.join(MANIFEST), &manifest)
+        })?;
         Ok(version)
     }
 

@@ -3,27 +3,23 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::model::{Descriptor, Manifest, ModelName, ModelVersion, model_config, safetensors};
+use crate::model::{Descriptor, Manifest, ModelName, ModelVersion, model_config};
 use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::Registry;
 use crate::store::{DOCUMENT_LIMIT, Store};
 
-/// An exported model: a folder whose files are not trusted.
-pub(super) struct Import<'a> {
-    folder: &'a Path,
-    /// No link in the folder is followed, as in a registry.
-    store: Store,
-}
+/// An exported model: a folder whose files are not trusted. No link in it is followed, as in a registry.
+pub(super) struct Import(Store);
 
-impl<'a> Import<'a> {
-    pub(super) fn open(folder: &'a Path) -> Result<Self> {
-        Ok(Self { folder, store: Store::open(&folder.into())? })
+impl Import {
+    pub(super) fn open(folder: &Path) -> Result<Self> {
+        Ok(Self(Store::open(&folder.into())?))
     }
 
     /// Refuses the file `key`.
     pub(super) fn refuse(&self, key: &str, reason: impl std::fmt::Display) -> Error {
-        Error::file(&self.folder.join(key), format!("{reason}; nothing was published"))
+        Error::refused(&format!("{}/{key}", self.0.root), format!("{reason}; nothing was published"))
     }
 
     /// States which folder a problem is in.
@@ -36,7 +32,7 @@ impl<'a> Import<'a> {
 
     /// Reads a small document.
     pub(super) fn document(&self, key: &str) -> Result<Vec<u8>> {
-        let bytes = self.located(self.store.read(key))?.ok_or_else(|| self.refuse(key, Fault::Missing))?;
+        let bytes = self.located(self.0.read(key))?.ok_or_else(|| self.refuse(key, Fault::Missing))?;
         if bytes.len() as u64 > DOCUMENT_LIMIT {
             return Err(self.refuse(key, format!("has more than {DOCUMENT_LIMIT} bytes")));
         }
@@ -50,7 +46,7 @@ impl<'a> Import<'a> {
 
     /// Verifies that the file `key` has the content that `expected` states.
     pub(super) fn verify(&self, key: &str, expected: &Descriptor) -> Result<()> {
-        let found = self.located(self.store.inspect(key))?;
+        let found = self.located(self.0.inspect(key))?;
         Fault::of_blob(expected.content(), found).map_or(Ok(()), |fault| Err(self.refuse(key, fault)))
     }
 
@@ -64,17 +60,8 @@ impl<'a> Import<'a> {
         locate: &dyn Fn(&Descriptor) -> String,
     ) -> Result<Outcome<ModelVersion>> {
         // Everything is verified before anything is stored.
-        for layer in &manifest.layers {
-            let key = locate(layer);
-            self.verify(&key, layer)?;
-            let read = |limit| Ok(self.store.read_start(&key, limit)?.unwrap_or_default());
-            let checked = safetensors::check(layer.path().unwrap_or_default(), layer.size, &read)?;
-            checked.map_err(|reason| self.refuse(&key, reason))?;
-        }
-        let mut references = None;
-        for layer in &manifest.layers {
-            self.located(registry.transfer(&self.store, &locate(layer), layer, &mut references))?;
-        }
+        manifest.layers.iter().try_for_each(|layer| self.verify(&locate(layer), layer))?;
+        self.located(registry.transfer(&self.0, manifest.layers.iter(), locate))?;
         let config = model_config(name, &manifest.layers);
         manifest.rename(name, &config);
         registry.store.put_blob(config)?;
@@ -144,7 +131,7 @@ mod tests {
 
     /// Asserts that nothing is published or stored, and that the error states why.
     fn refused(place: &Place, format: &str, reason: &str) {
-        let registry = Registry::init(&(&place.path("other")).into()).unwrap();
+        let registry = Registry::init(&place.path("other").as_path().into()).unwrap();
         let name = model("approach");
         let folder = place.path(format);
         let imported = if format == "oci" {
@@ -236,7 +223,7 @@ mod tests {
         fs::write(published.join("weights.safetensors"), &weights).unwrap();
         let refusal =
             place.registry().publish(&model("lying"), &published, Provenance::default()).unwrap_err();
-        assert!(refusal.to_string().contains("weights.safetensors: is not a safetensors file"), "{refusal}");
+        assert!(refusal.to_string().contains("weights.safetensors is not a safetensors file"), "{refusal}");
         assert_eq!(place.registry().list().unwrap().len(), 1);
     }
 
@@ -265,10 +252,10 @@ mod tests {
             refused(&place, format, "is a symbolic link");
             fs::remove_file(place.path(&file)).unwrap();
             assert!(std::process::Command::new("mkfifo").arg(place.path(&file)).status().unwrap().success());
-            refused(&place, format, "is neither a file nor a folder");
+            refused(&place, format, "special file");
             fs::rename(place.path("elsewhere"), place.path(&file)).unwrap();
         }
-        let other = Registry::init(&(&place.path("other")).into()).unwrap();
+        let other = Registry::init(&place.path("other").as_path().into()).unwrap();
         other.import_oci(&model("approach"), &oci).unwrap();
         other.import_huggingface(&model("hub"), &place.path("huggingface")).unwrap();
     }

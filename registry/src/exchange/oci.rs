@@ -2,18 +2,17 @@
 //!
 //! Source: <https://github.com/opencontainers/image-spec/blob/v1.1.0/image-layout.md>.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::import::Import;
 use crate::digest::Digest;
 use crate::error::Result;
 use crate::model::{ARTIFACT_TYPE, Descriptor, MANIFEST_TYPE, ModelName, ModelRef, ModelVersion};
-use crate::operations::pull::{finish, stage_beside, write_new};
+use crate::operations::pull::{export, write_new};
 use crate::outcome::Outcome;
 use crate::registry::Registry;
 
@@ -23,25 +22,12 @@ const INDEX: &str = "index.json";
 const INDEX_TYPE: &str = "application/vnd.oci.image.index.v1+json";
 const TAG: &str = "org.opencontainers.image.ref.name";
 
-/// Content of `oci-layout`.
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Layout {
-    image_layout_version: String,
-}
-
-/// Content of `index.json`, as far as it is used.
-#[derive(Deserialize)]
-struct Index {
-    manifests: Vec<Descriptor>,
-}
-
 fn blob(digest: Digest) -> String {
     format!("blobs/sha256/{}", digest.hex())
 }
 
 /// Reads a JSON document.
-fn read<T: DeserializeOwned>(import: &Import, key: &str) -> Result<T> {
+fn read(import: &Import, key: &str) -> Result<Value> {
     serde_json::from_slice(&import.document(key)?).map_err(|error| import.refuse(key, error))
 }
 
@@ -50,15 +36,7 @@ impl Registry {
     /// number as its tag. Manifest and blobs are those of the registry, byte for byte.
     pub fn export_oci(&self, reference: &ModelRef, destination: &Path) -> Result<ModelVersion> {
         let version = self.show(reference)?;
-        let staged = stage_beside(destination, &version)?;
-        let root = &staged.path;
-        let bytes = self.manifest_bytes(&version)?;
-        write_new(&root.join(blob(version.digest)), &bytes)?;
-        // Files with the same content are one blob.
-        let mut written = BTreeSet::new();
-        for descriptor in version.manifest.blobs().filter(|descriptor| written.insert(descriptor.digest)) {
-            self.write_blob(&version, descriptor, &root.join(blob(descriptor.digest)))?;
-        }
+        let bytes = self.store.document(&version.to_string(), version.digest)?;
         let index = json!({
             "schemaVersion": 2,
             "mediaType": INDEX_TYPE,
@@ -70,10 +48,17 @@ impl Registry {
                 "annotations": { TAG: version.version.to_string() },
             }],
         });
-        write_new(&root.join(INDEX), index.to_string().as_bytes())?;
         let layout = json!({ "imageLayoutVersion": LAYOUT_VERSION });
-        write_new(&root.join(LAYOUT), layout.to_string().as_bytes())?;
-        finish(staged, destination, &version)?;
+        export(&version, destination, &|root| {
+            write_new(&root.join(blob(version.digest)), &bytes)?;
+            // Files with the same content are one blob.
+            let blobs: BTreeMap<_, _> = version.manifest.blobs().map(|blob| (blob.digest, blob)).collect();
+            for (digest, descriptor) in blobs {
+                self.write_blob(&version, descriptor, &root.join(blob(digest)))?;
+            }
+            write_new(&root.join(INDEX), index.to_string().as_bytes())?;
+            write_new(&root.join(LAYOUT), layout.to_string().as_bytes())
+        })?;
         Ok(version)
     }
 
@@ -81,12 +66,13 @@ impl Registry {
     /// file are first verified against their digests.
     pub fn import_oci(&self, name: &ModelName, folder: &Path) -> Result<Outcome<ModelVersion>> {
         let import = Import::open(folder)?;
-        let Layout { image_layout_version: version } = read(&import, LAYOUT)?;
+        let version = &read(&import, LAYOUT)?["imageLayoutVersion"];
         if version != LAYOUT_VERSION {
             let reason = format!("has version {version}, this program reads {LAYOUT_VERSION}");
             return Err(import.refuse(LAYOUT, reason));
         }
-        let Index { manifests } = read(&import, INDEX)?;
+        let manifests = Vec::<Descriptor>::deserialize(&read(&import, INDEX)?["manifests"]);
+        let manifests = manifests.map_err(|error| import.refuse(INDEX, error))?;
         let [entry] = manifests.as_slice() else {
             let reason = format!("lists {} manifests; import layouts of one model", manifests.len());
             return Err(import.refuse(INDEX, reason));

@@ -1,61 +1,39 @@
 //! Checkpoints on disk: folders of regular files whose names mean the same on every system.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::digest::Fingerprint;
 use crate::error::{Error, Result};
+use crate::store::Store;
 
 /// Longest part of a path. Common file systems take 255 bytes, and the store appends a few.
 const PART_LIMIT: usize = 128;
 
-/// Lists the files in folder `root`: path in the checkpoint and path on disk, sorted. The files and folders directly in `root`
-/// that are named in `ignored` are left out.
+/// Opens the folder `root` and lists its files, sorted. The files and folders directly in `root` that are named in `ignored` are
+/// left out.
 ///
 /// Refuses links, special files, empty folders, and names that some system would not accept: what is published must be
 /// delivered unchanged.
-pub(crate) fn list(root: &Path, ignored: &[&str]) -> Result<Vec<(String, PathBuf)>> {
-    let mut found = Vec::new();
-    walk(root, "", ignored, &mut found)?;
-    found.sort();
-    let paths = found.iter().map(|(path, _)| path.as_str());
-    check_paths(paths).map_err(|reason| Error::file(root, reason))?;
-    Ok(found)
-}
-
-/// Computes the fingerprint of the file `source`.
-pub(crate) fn fingerprint(source: &Path) -> Result<Fingerprint> {
-    File::open(source).and_then(Fingerprint::of).map_err(Error::io("read", source))
-}
-
-fn walk(folder: &Path, prefix: &str, ignored: &[&str], found: &mut Vec<(String, PathBuf)>) -> Result<()> {
-    let before = found.len();
-    for entry in fs::read_dir(folder).map_err(Error::io("read the folder", folder))? {
-        let entry = entry.map_err(Error::io("read the folder", folder))?;
-        let source = entry.path();
-        let refuse = |reason: &str| Error::file(&source, reason);
-        let name =
-            entry.file_name().into_string().map_err(|_| refuse("the name is not Unicode; rename it"))?;
-        if ignored.contains(&name.as_str()) {
-            continue;
-        }
-        let path = format!("{prefix}{name}");
-        let kind = entry.file_type().map_err(Error::io("read", &source))?;
-        if kind.is_dir() {
-            walk(&source, &format!("{path}/"), &[], found)?;
-        } else if kind.is_file() {
-            found.push((path, source));
-        } else {
-            return Err(refuse(
-                "a checkpoint may hold only regular files and folders, no links; put a copy here",
-            ));
-        }
+pub(crate) fn open(root: &Path, ignored: &[&str]) -> Result<(Store, Vec<String>)> {
+    let store = Store::open(&root.into())?;
+    let found = store.walk("")?;
+    let is_part = |key: &str| !ignored.contains(&key.split('/').next().unwrap_or(key));
+    if let Some(special) = found.problems.iter().find(|problem| is_part(&problem.object)) {
+        let reason = "a checkpoint may hold only regular files and folders, no links; put a copy here";
+        return Err(Error::refused(&root.join(&special.object).display(), reason));
     }
-    if found.len() == before {
-        return Err(Error::file(folder, "the folder is empty; each folder of a checkpoint needs a file"));
+    let mut paths: Vec<_> =
+        found.objects.into_iter().map(|object| object.key).filter(|key| is_part(key)).collect();
+    let is_empty = |folder: &&str| !paths.iter().any(|path| path.starts_with(&format!("{folder}/")));
+    let mut folders = found.folders.iter().map(String::as_str).filter(|folder| is_part(folder));
+    if let Some(empty) = folders.find(is_empty).or(paths.is_empty().then_some("")) {
+        let reason = "the folder is empty; each folder of a checkpoint needs a file";
+        return Err(Error::refused(&root.join(empty).display(), reason));
     }
-    Ok(())
+    paths.sort();
+    check_paths(paths.iter().map(String::as_str))
+        .map_err(|reason| Error::refused(&root.display(), reason))?;
+    Ok((store, paths))
 }
 
 /// Checks that the paths stay inside the checkpoint, and name different files on every file system.
@@ -77,15 +55,13 @@ pub(crate) fn check_paths<'a>(paths: impl Iterator<Item = &'a str>) -> std::resu
             return Err(format!("`{path}` occurs twice, or in upper and lower case; rename one"));
         }
     }
-    let above = |path: &String| {
-        path.match_indices('/').find(|(end, _)| seen.contains(&path[..*end])).map(|(end, _)| end)
-    };
-    match seen.iter().find_map(|path| Some((path, above(path)?))) {
-        Some((path, end)) => {
-            Err(format!("`{}` is both a file and the folder of `{path}`; rename one", &path[..end]))
+    for path in &seen {
+        let mut folders = path.match_indices('/').map(|(end, _)| &path[..end]);
+        if let Some(folder) = folders.find(|&folder| seen.contains(folder)) {
+            return Err(format!("`{folder}` is both a file and the folder of `{path}`; rename one"));
         }
-        None => Ok(()),
     }
+    Ok(())
 }
 
 /// Returns whether `part` names a device on Windows, whatever its extension.
@@ -105,6 +81,8 @@ fn is_safe_part(part: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -113,10 +91,9 @@ mod tests {
         fs::create_dir(folder.path().join("state")).unwrap();
         fs::write(folder.path().join("weights.bin"), b"abc").unwrap();
         fs::write(folder.path().join("state/step.json"), b"7").unwrap();
-        let files = list(folder.path(), &[]).unwrap();
-        let paths: Vec<_> = files.iter().map(|(path, _)| path.as_str()).collect();
+        let (store, paths) = open(folder.path(), &[]).unwrap();
         assert_eq!(paths, ["state/step.json", "weights.bin"]);
-        assert_eq!(fs::read(&files[1].1).unwrap(), b"abc");
+        assert_eq!(store.read(&paths[1]).unwrap().unwrap(), b"abc");
     }
 
     #[test]
@@ -135,10 +112,10 @@ mod tests {
         for (expected, spoil) in cases {
             let folder = tempfile::tempdir().unwrap();
             spoil(folder.path());
-            let message = list(folder.path(), &[]).unwrap_err().to_string();
+            let message = open(folder.path(), &[]).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
-        let missing = list(Path::new("no/such/checkpoint"), &[]).unwrap_err().to_string();
+        let missing = open(Path::new("no/such/checkpoint"), &[]).unwrap_err().to_string();
         assert!(missing.contains("no/such/checkpoint"), "{missing}");
     }
 
@@ -148,11 +125,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        let message = list(folder.path(), &[]).unwrap_err().to_string();
+        let message = open(folder.path(), &[]).unwrap_err().to_string();
         assert!(message.contains("pipe") && message.contains("only regular files and folders"), "{message}");
         fs::remove_file(pipe).unwrap();
         std::os::unix::fs::symlink("/etc/hostname", folder.path().join("config.json")).unwrap();
-        let message = list(folder.path(), &[]).unwrap_err().to_string();
+        let message = open(folder.path(), &[]).unwrap_err().to_string();
         assert!(message.contains("config.json") && message.contains("no links"), "{message}");
     }
 

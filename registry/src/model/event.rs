@@ -14,45 +14,40 @@ pub struct Event {
     /// Number of the event, from 1.
     pub number: u64,
     /// Digest of the previous event. The first one has none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub previous: Option<Digest>,
+    /// Digest of the event itself, known when it is stored.
+    #[serde(skip)]
+    pub digest: Option<Digest>,
     /// What happened.
-    #[serde(flatten)]
+    #[serde(rename = "event")]
     pub kind: EventKind,
+    /// The version that the event refers to. Only the end of an alias refers to none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<Target>,
+    /// The attached blob, if the event attaches one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attached: Option<Descriptor>,
     /// Who recorded it, when and why.
     #[serde(flatten)]
     pub note: Note,
 }
 
 /// What happened.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(tag = "event", rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum EventKind {
     /// The alias names this version from now on.
-    AliasSet {
-        /// The version.
-        target: Target,
-    },
+    AliasSet,
     /// The alias names no version from now on.
     AliasRemoved,
     /// The version was yanked.
-    Yanked {
-        /// The version.
-        target: Target,
-    },
+    Yanked,
     /// The version is no longer yanked.
-    Unyanked {
-        /// The version.
-        target: Target,
-    },
+    Unyanked,
     /// Something was attached to the version.
-    Attached {
-        /// The version.
-        target: Target,
-        /// The attached blob.
-        attached: Descriptor,
-    },
+    Attached,
 }
 
 /// The version that an event refers to.
@@ -68,33 +63,12 @@ pub struct Target {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// Who recorded it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub who: Option<String>,
     /// Why.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// When, in RFC 3339 (`2026-11-22T10:00:00Z`).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub when: Option<String>,
-}
-
-impl Event {
-    /// Returns the version that the event refers to. Only the end of an alias refers to none.
-    pub fn target(&self) -> Option<Target> {
-        match self.kind {
-            EventKind::AliasRemoved => None,
-            EventKind::AliasSet { target }
-            | EventKind::Yanked { target }
-            | EventKind::Unyanked { target }
-            | EventKind::Attached { target, .. } => Some(target),
-        }
-    }
-
-    /// Returns the attached blob, if the event attaches one.
-    pub fn attached(&self) -> Option<&Descriptor> {
-        match &self.kind {
-            EventKind::Attached { attached, .. } => Some(attached),
-            _ => None,
-        }
-    }
 }

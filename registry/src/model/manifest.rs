@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::checkpoint::check_paths;
-use super::name::ModelName;
+use super::reference::ModelName;
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
+use crate::store::sequence::encode;
 
 pub(crate) const MANIFEST_TYPE: &str = "application/vnd.oci.image.manifest.v1+json";
 pub(crate) const ARTIFACT_TYPE: &str = "application/vnd.cncf.model.manifest.v1+json";
@@ -178,7 +179,7 @@ impl Manifest {
     }
 
     /// Returns all blobs of the version: its configuration and its files.
-    pub(crate) fn blobs(&self) -> impl Iterator<Item = &Descriptor> {
+    pub(crate) fn blobs(&self) -> impl Iterator<Item = &Descriptor> + Clone {
         std::iter::once(&self.config).chain(&self.layers)
     }
 
@@ -195,10 +196,7 @@ impl Manifest {
 
     /// Serializes the manifest.
     pub(crate) fn to_bytes(&self) -> Result<Vec<u8>> {
-        let bytes = serde_json::to_vec_pretty(self);
-        let mut bytes = bytes.map_err(|error| Error::refused(&self.name(), error.to_string()))?;
-        bytes.push(b'\n');
-        Ok(bytes)
+        encode(&self.name(), self)
     }
 
     /// Parses a manifest. The error describes what is wrong with it.

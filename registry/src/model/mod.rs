@@ -3,7 +3,6 @@
 pub(crate) mod checkpoint;
 mod event;
 mod manifest;
-mod name;
 mod reference;
 pub(crate) mod safetensors;
 mod version;
@@ -11,6 +10,5 @@ mod version;
 pub use event::{Event, EventKind, Note, Target};
 pub(crate) use manifest::{ARTIFACT_TYPE, MANIFEST_TYPE, model_config};
 pub use manifest::{Descriptor, Lineage, Manifest, Provenance};
-pub use name::{AliasName, ModelName};
-pub use reference::{ModelRef, Selector};
+pub use reference::{AliasName, ModelName, ModelRef, Selector};
 pub use version::ModelVersion;

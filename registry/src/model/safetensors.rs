@@ -7,14 +7,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::fs::File;
-use std::io::Read;
-use std::path::Path;
 
 use safetensors::tensor::Metadata;
 use serde::de::{Deserialize, Deserializer, Error as _, IgnoredAny, MapAccess, Visitor};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 /// Bytes of the header's length.
 const LENGTH: usize = 8;
@@ -23,33 +20,19 @@ const HEADER_LIMIT: u64 = 100_000_000;
 /// The one entry of the header that is not a tensor.
 const METADATA: &str = "__metadata__";
 
-/// Returns the first bytes of a file, at most as many as requested.
-type ReadStart<'a> = &'a dyn Fn(u64) -> Result<Vec<u8>>;
+/// Returns the first bytes of a file, at most as many as requested, and its size.
+type Start<'a> = &'a dyn Fn(u64) -> Result<(Vec<u8>, u64)>;
 
-/// Checks the file `source` if `path`, its path in the checkpoint, is that of a safetensors file. The inner error describes
-/// what is wrong with it.
-pub(crate) fn check_file(path: &str, source: &Path) -> Result<std::result::Result<(), String>> {
-    let open = || File::open(source).map_err(Error::io("read", source));
-    let size = open()?.metadata().map_err(Error::io("read", source))?.len();
-    check(path, size, &|limit| {
-        let mut start = Vec::new();
-        open()?.take(limit).read_to_end(&mut start).map_err(Error::io("read", source))?;
-        Ok(start)
-    })
-}
-
-/// Checks a file of `size` bytes, of which no more than the header is read.
-pub(crate) fn check(path: &str, size: u64, read: ReadStart) -> Result<std::result::Result<(), String>> {
-    if !path.ends_with(".safetensors") {
-        return Ok(Ok(()));
-    }
-    let checked = check_start(size, read)?;
+/// Checks the file `path` of a checkpoint if it is a safetensors file. No more than the header is read. The inner error
+/// describes what is wrong with it.
+pub(crate) fn check(path: &str, start: Start) -> Result<std::result::Result<(), String>> {
+    let checked = if path.ends_with(".safetensors") { check_start(start)? } else { Ok(()) };
     Ok(checked.map_err(|reason| format!("is not a safetensors file that all programs read alike: {reason}")))
 }
 
-fn check_start(size: u64, read: ReadStart) -> Result<std::result::Result<(), String>> {
-    let start = read(LENGTH as u64)?;
-    let Ok(length) = <[u8; LENGTH]>::try_from(start.as_slice()) else {
+fn check_start(start: Start) -> Result<std::result::Result<(), String>> {
+    let (length, size) = start(LENGTH as u64)?;
+    let Ok(length) = <[u8; LENGTH]>::try_from(length.as_slice()) else {
         return Ok(Err(format!("it has {size} bytes, too few for the length of a header")));
     };
     let length = u64::from_le_bytes(length);
@@ -61,8 +44,8 @@ fn check_start(size: u64, read: ReadStart) -> Result<std::result::Result<(), Str
     let Some(data) = rest.checked_sub(length) else {
         return Ok(Err(format!("its header claims {length} bytes, and only {rest} follow")));
     };
-    let start = read(LENGTH as u64 + length)?;
-    Ok(check_header(start.get(LENGTH..).unwrap_or_default(), data))
+    let (header, _) = start(LENGTH as u64 + length)?;
+    Ok(check_header(header.get(LENGTH..).unwrap_or_default(), data))
 }
 
 /// Checks a header that is followed by `data` bytes.
@@ -119,8 +102,8 @@ impl<'de> Visitor<'de> for UniqueNames {
 mod tests {
     use super::*;
 
-    fn start(file: &[u8], limit: u64) -> Vec<u8> {
-        file.iter().copied().take(limit as usize).collect()
+    fn start(file: &[u8], limit: u64) -> (Vec<u8>, u64) {
+        (file.iter().copied().take(limit as usize).collect(), file.len() as u64)
     }
 
     /// Describes what is wrong with a file that has this header and `data` bytes.
@@ -128,7 +111,7 @@ mod tests {
         let mut file = (header.len() as u64).to_le_bytes().to_vec();
         file.extend_from_slice(header.as_bytes());
         file.resize(file.len() + data, 7);
-        check_start(file.len() as u64, &|limit| Ok(start(&file, limit))).unwrap().err()
+        check_start(&|limit| Ok(start(&file, limit))).unwrap().err()
     }
 
     #[test]
@@ -212,14 +195,14 @@ mod tests {
         let length = |bytes: u64, size: u64| {
             let read = |limit| {
                 assert_eq!(limit, 8);
-                Ok(bytes.to_le_bytes().to_vec())
+                Ok((bytes.to_le_bytes().to_vec(), size))
             };
-            check_start(size, &read).unwrap().unwrap_err()
+            check_start(&read).unwrap().unwrap_err()
         };
         assert!(length(u64::MAX, 8).contains("more than the format's 100000000"));
         assert!(length(HEADER_LIMIT + 1, 1 << 40).contains("more than the format's 100000000"));
         assert!(length(3, 10).contains("claims 3 bytes, and only 2 follow"));
-        let short = check_start(7, &|limit| Ok(start(&[0; 7], limit))).unwrap().unwrap_err();
+        let short = check_start(&|limit| Ok(start(&[0; 7], limit))).unwrap().unwrap_err();
         assert!(short.contains("it has 7 bytes"), "{short}");
     }
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::event::{Note, Target};
 use super::manifest::Manifest;
-use super::name::ModelName;
+use super::reference::ModelName;
 use crate::digest::Digest;
 
 /// A published version, with its manifest verified.
@@ -26,6 +26,11 @@ pub struct ModelVersion {
 }
 
 impl ModelVersion {
+    /// Creates a version that is not yanked.
+    pub(crate) fn new(name: &ModelName, version: u64, digest: Digest, manifest: Manifest) -> Self {
+        Self { name: name.clone(), version, digest, manifest, yanked: None }
+    }
+
     /// Returns what events record of this version.
     pub(crate) fn target(&self) -> Target {
         Target { version: self.version, digest: self.digest }

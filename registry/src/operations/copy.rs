@@ -3,8 +3,10 @@
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::model::{EventKind, ModelVersion, safetensors};
-use crate::registry::{Registry, blob_problem};
+use crate::events::yank::last_yank;
+use crate::model::ModelVersion;
+use crate::problem::Problem;
+use crate::registry::Registry;
 use crate::store::blob_key;
 
 /// What was copied of a version.
@@ -28,35 +30,24 @@ impl Registry {
     /// of the model there, since numbers have no gaps. Copying again adds only what is missing, also after an interruption. A
     /// yank, or its reversal, that was recorded in the other registry is left as it is.
     pub fn copy(&self, version: &ModelVersion, to: &Registry) -> Result<Copied> {
-        let mut references = None;
-        for blob in version.manifest.blobs() {
-            let (path, key) = (blob.path().unwrap_or_default(), blob_key(blob.digest));
-            // This registry may be somebody else's.
-            let read = |limit| Ok(self.store.read_start(&key, limit)?.unwrap_or_default());
-            if let Err(reason) = safetensors::check(path, blob.size, &read)? {
-                return Err(Error::refused(version, format!("{path} {reason}")));
-            }
-            to.transfer(&self.store, &key, blob, &mut references).map_err(|error| match error {
-                Error::Damaged(problem) => blob_problem(&version.to_string(), blob, problem.fault).into(),
-                error => error,
-            })?;
-        }
+        let stored = to.transfer(&self.store, version.manifest.blobs(), &|blob| blob_key(blob.digest));
+        stored.map_err(|error| match error {
+            Error::Damaged(problem) => Problem { model: Some(version.to_string()), ..*problem }.into(),
+            error => error,
+        })?;
+        let bytes = self.store.document(&version.to_string(), version.digest)?;
         let same = |digest, _: &_| digest == version.digest;
-        let bytes = self.manifest_bytes(version)?;
         let copied = to.add_version(&version.name, &version.manifest, &bytes, &same)?;
         let (is_new, mut copied) = (copied.is_new(), copied.value().clone());
         let mut attachments = 0;
         for event in self.attachments(version)? {
-            let Some(attached) = event.attached() else { continue };
-            let bytes = self.document(&format!("{version}/events"), attached)?;
-            let outcome = to.attach_bytes(&copied, attached, bytes, &event.note)?;
-            attachments += usize::from(outcome.is_new());
+            let Some(attached) = &event.attached else { continue };
+            let bytes = self.store.document(&format!("{version}/events"), attached.digest)?;
+            attachments += usize::from(to.attach_bytes(&copied, attached, &bytes, &event.note)?.is_new());
         }
-        let is_yank =
-            |kind: &EventKind| matches!(kind, EventKind::Yanked { .. } | EventKind::Unyanked { .. });
         let mut yanked = false;
         if let Some(note) = &version.yanked
-            && !to.events(&copied)?.iter().any(|event| is_yank(&event.kind))
+            && last_yank(&to.events(&copied)?).is_none()
         {
             yanked = to.yank(&copied, note)?.is_some();
             copied = to.with_yank(copied)?;
@@ -64,6 +55,7 @@ impl Registry {
         Ok(Copied { version: copied, is_new, attachments, yanked })
     }
 }
+
 #[cfg(test)]
 mod tests {
     use std::fs;

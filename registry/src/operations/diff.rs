@@ -1,10 +1,9 @@
 //! Differences between two versions: configuration, metrics, lineage, files.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Display;
 
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::digest::Digest;
 use crate::error::{Error, Result};
@@ -68,7 +67,8 @@ impl Registry {
             MetricChange { metric, from, to, difference }
         });
         let metrics = metrics.collect();
-        let lineage = changes(lineage(&from)?, lineage(&to)?);
+        let lineage = |version: &ModelVersion| flattened(json!(version.manifest.lineage));
+        let lineage = changes(lineage(&from), lineage(&to));
         let files = changes(from.manifest.files(), to.manifest.files());
         Ok(Difference { from, to, configuration, metrics, lineage, files })
     }
@@ -77,20 +77,15 @@ impl Registry {
     fn configuration(&self, version: &ModelVersion) -> Result<BTreeMap<String, Value>> {
         let config = version.manifest.layers.iter().find(|layer| layer.path() == Some(CONFIG));
         let Some(layer) = config else { return Ok(BTreeMap::new()) };
-        let refuse = |error: &dyn Display| Error::refused(version, format!("{CONFIG} is not TOML: {error}"));
-        let bytes = self.document(&version.to_string(), layer)?;
-        let text = String::from_utf8(bytes).map_err(|error| refuse(&error))?;
-        Ok(flattened(toml::from_str(&text).map_err(|error| refuse(&error))?))
+        let bytes = self.store.document(&version.to_string(), layer.digest)?;
+        let document = toml::from_slice(&bytes);
+        let refuse = |error| Error::refused(version, format!("{CONFIG} is not TOML: {error}"));
+        Ok(flattened(document.map_err(refuse)?))
     }
 }
 
-fn lineage(version: &ModelVersion) -> Result<BTreeMap<String, Value>> {
-    let document = serde_json::to_value(&version.manifest.lineage);
-    document.map(flattened).map_err(|error| Error::refused(version, error.to_string()))
-}
-
 /// Returns the values of a document by path, as `phases.0.epochs`. A list of scalars is one value.
-fn flattened(document: Value) -> BTreeMap<String, Value> {
+pub(crate) fn flattened(document: Value) -> BTreeMap<String, Value> {
     fn flatten(path: &str, value: Value, found: &mut BTreeMap<String, Value>) {
         let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         match value {

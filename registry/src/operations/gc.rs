@@ -15,9 +15,9 @@ use std::time::{Duration, SystemTime};
 use serde::Serialize;
 
 use crate::digest::Digest;
-use crate::error::{Error, Result};
-use crate::problem::Problem;
+use crate::error::Result;
 use crate::registry::Registry;
+use crate::store::folder::is_staged;
 use crate::store::probe::is_probe;
 use crate::store::sequence::parse_number;
 use crate::store::{BLOBS, Listing, MODELS, Object, Store, blob_key, file_name};
@@ -46,15 +46,14 @@ impl Registry {
         let blobs = self.store.walk(BLOBS)?.checked()?;
         let mut references = References::default();
         let models = references.update(&self.store)?;
-        references.check()?;
-        let Listing { objects, staged, .. } = self.store.list("")?.checked()?;
-        let is_unnamed =
-            |object: &Object| blob_digest(&object.key).is_some_and(|digest| !references.names(digest));
-        let unnamed = blobs.objects.into_iter().filter(is_unnamed);
-        let probes = objects.into_iter().filter(|object| is_probe(&object.key));
-        let staged = blobs.staged.into_iter().chain(models.staged).chain(staged);
-        let garbage = unnamed.chain(probes).chain(staged);
-        let mut garbage: Vec<_> = garbage.filter_map(|object| old(object, now, grace)).collect();
+        let top = self.store.list("")?.checked()?;
+        let is_unneeded = |key: &str| {
+            let is_unnamed = blob_digest(key).is_some_and(|digest| !references.named.contains(&digest));
+            is_unnamed || is_probe(key) || is_staged(key)
+        };
+        let objects = [blobs, models, top].into_iter().flat_map(|listing| listing.objects);
+        let unneeded = objects.filter(|object| is_unneeded(&object.key));
+        let mut garbage: Vec<_> = unneeded.filter_map(|object| old(object, now, grace)).collect();
         garbage.sort_by(|a, b| a.key.cmp(&b.key));
         Ok(garbage)
     }
@@ -72,22 +71,16 @@ impl Registry {
         let mut deleted = Vec::new();
         for found in garbage {
             references.update(&self.store)?;
-            references.check()?;
-            let is_named = blob_digest(&found.key).is_some_and(|digest| references.names(digest));
-            if !is_named && self.is_old(&found.key, now, grace)? {
+            let is_named = blob_digest(&found.key).is_some_and(|digest| references.named.contains(&digest));
+            let folder = found.key.rsplit_once('/').map_or("", |(folder, _)| folder);
+            let beside = self.store.list(folder)?.checked()?.objects;
+            let object = beside.into_iter().find(|object| object.key == found.key);
+            if !is_named && object.and_then(|object| old(object, now, grace)).is_some() {
                 self.store.delete(&found.key)?;
                 deleted.push(found);
             }
         }
         Ok(deleted)
-    }
-
-    /// Returns whether an object or half-written file exists and is still old.
-    fn is_old(&self, key: &str, now: SystemTime, grace: Duration) -> Result<bool> {
-        let folder = key.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let Listing { objects, staged, .. } = self.store.list(folder)?.checked()?;
-        let found = objects.into_iter().chain(staged).find(|object| object.key == key);
-        Ok(found.and_then(|object| old(object, now, grace)).is_some())
     }
 }
 
@@ -96,48 +89,25 @@ impl Registry {
 pub(crate) struct References {
     /// Objects that were read. They never change, so none is read twice.
     read: BTreeSet<String>,
-    named: BTreeSet<Digest>,
-    /// Damage that was found. What the damaged objects named is unknown.
-    problems: Vec<Problem>,
+    pub(crate) named: BTreeSet<Digest>,
 }
 
 impl References {
-    /// Reads all references.
-    pub(crate) fn of(store: &Store) -> Result<Self> {
-        let mut references = Self::default();
-        references.update(store)?;
-        Ok(references)
-    }
-
-    /// Reads the objects that have appeared. Returns all objects of models.
-    fn update(&mut self, store: &Store) -> Result<Listing> {
+    /// Reads the objects that have appeared. Returns all objects of models. Fails if one is damaged: what it named is unknown.
+    pub(crate) fn update(&mut self, store: &Store) -> Result<Listing> {
         let models = store.walk(MODELS)?.checked()?;
         for Object { key, .. } in &models.objects {
-            if self.read.contains(key) {
+            if self.read.contains(key) || is_staged(key) {
                 continue;
             }
             let Some(bytes) = store.read(key)? else { continue };
             self.named.extend(digests(&bytes));
             if parse_number(file_name(key)).is_some() {
-                match store.follow("", key) {
-                    Ok((document, _)) => self.named.extend(digests(&document)),
-                    Err(Error::Damaged(problem)) => self.problems.push(problem.fault.at(&problem.object)),
-                    Err(error) => return Err(error),
-                }
+                self.named.extend(digests(&store.follow("", key)?.0));
             }
             self.read.insert(key.clone());
         }
         Ok(models)
-    }
-
-    /// Returns whether some object names this digest.
-    pub(crate) fn names(&self, digest: Digest) -> bool {
-        self.named.contains(&digest)
-    }
-
-    /// Fails if damage was found.
-    fn check(&self) -> Result<()> {
-        self.problems.first().map_or(Ok(()), |problem| Err(problem.clone().into()))
     }
 }
 
@@ -165,6 +135,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::error::Error;
     use crate::events::alias::Precondition;
     use crate::fixture::{Place, bytes, evaluation, flip, model};
     use crate::model::Note;

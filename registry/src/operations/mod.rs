@@ -1,7 +1,7 @@
 //! What users do with a registry.
 
 mod copy;
-mod diff;
+pub(crate) mod diff;
 pub(crate) mod gc;
 mod publish;
 pub(crate) mod pull;

@@ -1,19 +1,17 @@
 //! Publishing: blobs first, the numbered pointer last.
 
-use std::fmt::Display;
 use std::path::Path;
 
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
-use crate::events::evaluation::check_finite;
+use crate::events::attachment::check_finite;
 use crate::model::{
     Descriptor, Manifest, ModelName, ModelVersion, Provenance, checkpoint, model_config, safetensors,
 };
 use crate::operations::gc::References;
 use crate::outcome::Outcome;
-use crate::problem::Fault;
+use crate::problem::{Fault, Problem};
 use crate::registry::{Registry, versions_key};
-use crate::store::upload::{Sink, Source, read_file};
 use crate::store::{Store, blob_key};
 
 /// Size of the largest blob that is written without checking whether it exists.
@@ -38,25 +36,23 @@ impl Registry {
         provenance: Provenance,
     ) -> Result<Outcome<ModelVersion>> {
         check_finite(&provenance.metrics)?;
-        let files = checkpoint::list(checkpoint, &[])?;
-        for (path, source) in &files {
-            if let Err(reason) = safetensors::check_file(path, source)? {
-                return Err(Error::file(source, reason));
-            }
+        let (from, paths) = checkpoint::open(checkpoint, &[])?;
+        for path in &paths {
+            check_weights(&from, path, path)?;
         }
-        let mut references = None;
+        let mut references = References::default();
         let mut layers = Vec::new();
         let mut expected = provenance.expected.clone();
-        for (path, source) in files {
-            let content = self.keep(&source.display(), &|sink| read_file(&source, sink), &mut references)?;
+        for path in paths {
+            let content = self.keep(&from, &path, &mut references)?;
             if let Some(digest) = expected.remove(&path).filter(|&digest| digest != content.digest) {
                 let reason = format!("damaged: it has digest {}, expected {digest}", content.digest);
-                return Err(Error::file(&source, reason));
+                return Err(Error::refused(&checkpoint.join(path).display(), reason));
             }
             layers.push(Descriptor::file(&path, content));
         }
         if let Some((path, _)) = expected.pop_first() {
-            return Err(Error::file(&checkpoint.join(path), "missing"));
+            return Err(Error::refused(&checkpoint.join(path).display(), "missing"));
         }
         let config = model_config(name, &layers);
         self.store.put_blob(config.clone())?;
@@ -74,26 +70,19 @@ impl Registry {
     ) -> Result<Outcome<ModelVersion>> {
         let folder = versions_key(name);
         let digest = self.store.put_document(name, bytes)?;
-        let (mut examined, mut taken) = (0, 0);
+        let mut taken = 0;
         loop {
             let numbers = self.versions(name)?;
-            let newer = &numbers[numbers.partition_point(|&number| number <= examined)..];
+            let newer = &numbers[numbers.partition_point(|&number| number < taken)..];
             if let Some(version) = self.same(name, newer, is_same)? {
                 return Ok(Outcome::AlreadyThere(self.with_yank(version)?));
             }
             let number = numbers.last().copied().unwrap_or(0).max(taken) + 1;
             if self.store.point(&folder, number, digest)? {
-                let (name, manifest) = (name.clone(), manifest.clone());
-                return Ok(Outcome::New(ModelVersion {
-                    name,
-                    version: number,
-                    digest,
-                    manifest,
-                    yanked: None,
-                }));
+                return Ok(Outcome::New(ModelVersion::new(name, number, digest, manifest.clone())));
             }
             // Another process took the number. It may have published the same.
-            (examined, taken) = (number - 1, number);
+            taken = number;
         }
     }
 
@@ -103,59 +92,61 @@ impl Registry {
             let pointers = self.store.pointers(&versions_key(name), numbers)?;
             let keys: Vec<_> = pointers.iter().map(|&(_, digest)| blob_key(digest)).collect();
             for ((number, digest), bytes) in pointers.into_iter().zip(self.store.read_each(&keys)?) {
-                if !Manifest::parse(&bytes).is_ok_and(|found| is_same(digest, &found)) {
-                    continue;
-                }
-                match self.load(name, number) {
-                    Ok(version) => return Ok(Some(version)),
-                    // A damaged version does not prevent the next one.
-                    Err(Error::Damaged(_)) => {}
-                    Err(error) => return Err(error),
+                // A damaged version does not prevent the next one.
+                let intact = Some(bytes).filter(|bytes| Digest::of(bytes) == digest);
+                let manifest = intact.and_then(|bytes| Manifest::parse(&bytes).ok());
+                if let Some(manifest) = manifest.filter(|found| is_same(digest, found)) {
+                    return Ok(Some(ModelVersion::new(name, number, digest, manifest)));
                 }
             }
         }
         Ok(None)
     }
 
-    /// Stores a blob that lies in the store `from` under `key`, and verifies it.
-    pub(crate) fn transfer(
+    /// Stores `blobs`, which lie in the store `from` under the keys that `locate` returns, and verifies them.
+    pub(crate) fn transfer<'a>(
         &self,
         from: &Store,
-        key: &str,
-        blob: &Descriptor,
-        references: &mut Option<References>,
+        blobs: impl Iterator<Item = &'a Descriptor> + Clone,
+        locate: &dyn Fn(&Descriptor) -> String,
     ) -> Result<()> {
-        let read = |sink: Sink| from.scan(key, u64::MAX, sink).map(drop);
-        let stored = self.keep(&key, &read, references)?;
-        Fault::of_blob(blob.content(), Some(stored)).map_or(Ok(()), |fault| Err(fault.at(key).into()))
+        for blob in blobs.clone() {
+            check_weights(from, &locate(blob), blob.path().unwrap_or_default())?;
+        }
+        let mut references = References::default();
+        for blob in blobs {
+            let key = locate(blob);
+            let stored = self.keep(from, &key, &mut references)?;
+            if let Some(fault) = Fault::of_blob(blob.content(), Some(stored)) {
+                let file = blob.path().map(str::to_owned);
+                return Err(Problem { file, ..fault.of("", &key) }.into());
+            }
+        }
+        Ok(())
     }
 
-    /// Stores the content of `subject` as a blob, unless it exists. `references` are read when the first large existing blob is
-    /// met.
-    fn keep(
-        &self,
-        subject: &dyn Display,
-        source: Source,
-        references: &mut Option<References>,
-    ) -> Result<Fingerprint> {
-        let stored = self.store.upload(source, &mut |content| self.is_kept(content, references))?;
-        stored.ok_or_else(|| {
-            Error::refused(subject, "changed while it was read; try again when it is complete")
+    /// Stores the object `key` of the store `from` as a blob. An existing blob need not be written if it is intact, and named, so
+    /// that it cannot be deleted as garbage before the new manifest names it. Writing a small blob is faster than checking that.
+    /// `references` are read when a large existing blob is met.
+    fn keep(&self, from: &Store, key: &str, references: &mut References) -> Result<Fingerprint> {
+        self.store.upload(from, key, &mut |content| {
+            if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {
+                return Ok(false);
+            }
+            match references.update(&self.store) {
+                // What a damaged object named is unknown.
+                Err(Error::Damaged(_)) => Ok(false),
+                updated => updated.map(|_| references.named.contains(&content.digest)),
+            }
         })
     }
+}
 
-    /// Returns whether a blob need not be written: it is intact, and named, so that it cannot be deleted as garbage before the
-    /// new manifest names it. Writing a small blob is faster than checking that.
-    fn is_kept(&self, content: Fingerprint, references: &mut Option<References>) -> Result<bool> {
-        if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {
-            return Ok(false);
-        }
-        let known = match references {
-            Some(known) => known,
-            None => references.insert(References::of(&self.store)?),
-        };
-        Ok(known.names(content.digest))
-    }
+/// Refuses the file `path` of a checkpoint, which lies in the store `from` under `key`, if it is a malformed safetensors file.
+fn check_weights(from: &Store, key: &str, path: &str) -> Result<()> {
+    let start = |limit| Ok(from.read_start(key, limit)?.unwrap_or_default());
+    let refuse = |reason| Error::refused(&format!("{}/{key}", from.root), format!("{path} {reason}"));
+    safetensors::check(path, &start)?.map_err(refuse)
 }
 
 #[cfg(test)]
@@ -371,7 +362,7 @@ mod tests {
         let obstacle = place.path("registry/models");
         fs::write(&obstacle, "").unwrap();
         let result = registry.publish(&model("approach"), &checkpoint, Provenance::default());
-        assert!(matches!(result, Err(Error::Io { .. })), "{result:?}");
+        assert!(matches!(result, Err(Error::Failed { .. })), "{result:?}");
         assert!(place.path("registry").join(blob_key(Digest::of(b"abc"))).exists());
         fs::remove_file(obstacle).unwrap();
         assert!(registry.list().unwrap().is_empty());

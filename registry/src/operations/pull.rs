@@ -1,10 +1,10 @@
 //! Delivering a version to a new folder: complete and verified, or not at all.
 
-use std::collections::BTreeMap;
-use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
+
+use bytes::Bytes;
 
 use crate::error::{Error, Result};
 use crate::model::{Descriptor, ModelRef, ModelVersion, checkpoint};
@@ -12,7 +12,11 @@ use crate::outcome::Outcome;
 use crate::problem::Fault;
 use crate::registry::{Registry, blob_problem};
 use crate::signature::PublicKey;
+use crate::store::blob_key;
 use crate::store::staged::Staged;
+
+/// Writes the content of a new folder.
+type Fill<'a> = &'a dyn Fn(&Path) -> Result<()>;
 
 impl Registry {
     /// Writes the files of the version that `reference` names into the new folder `destination`, whose parents are created.
@@ -35,25 +39,18 @@ impl Registry {
     }
 
     fn deliver(&self, version: ModelVersion, destination: &Path) -> Result<Outcome<ModelVersion>> {
-        if !exists(destination) {
-            let staged = stage_beside(destination, &version)?;
-            for layer in &version.manifest.layers {
-                self.write_blob(&version, layer, &staged.path.join(layer.path().unwrap_or_default()))?;
-            }
-            match staged.rename(destination) {
-                Ok(()) => return Ok(Outcome::New(version)),
-                Err(error) if !exists(destination) => return Err(error),
-                // Another process was faster.
-                Err(_) => {}
-            }
+        let is_new = create_folder(destination, &version, &|folder| {
+            version.manifest.layers.iter().try_for_each(|layer| {
+                self.write_blob(&version, layer, &folder.join(layer.path().unwrap_or_default()))
+            })
+        })?;
+        if is_new {
+            return Ok(Outcome::New(version));
         }
-        let reason = match holds(destination, &version.manifest.layers) {
+        let reason = match holds(destination, &version) {
             Ok(true) => return Ok(Outcome::AlreadyThere(version)),
             Ok(false) => "exists and holds something else".to_owned(),
-            Err(Error::File { path, reason }) => {
-                format!("exists and holds something else ({}: {reason})", path.display())
-            }
-            Err(error) => return Err(error),
+            Err(error) => format!("exists and holds something else ({error})"),
         };
         Err(refuse(destination, &version, &reason))
     }
@@ -61,9 +58,8 @@ impl Registry {
     /// Writes one blob of `version` to the new file `path` and verifies it.
     pub(crate) fn write_blob(&self, version: &ModelVersion, blob: &Descriptor, path: &Path) -> Result<()> {
         let mut file = create_new(path)?;
-        let found = self
-            .store
-            .read_blob(blob.digest, &mut |piece| file.write_all(&piece).map_err(Error::io("write", path)))?;
+        let mut write = |piece: Bytes| file.write_all(&piece).map_err(Error::io("write", path));
+        let found = self.store.fetch(&blob_key(blob.digest), &mut write)?;
         if let Some(fault) = Fault::of_blob(blob.content(), found) {
             return Err(blob_problem(&version.to_string(), blob, fault).into());
         }
@@ -78,7 +74,10 @@ fn exists(path: &Path) -> bool {
 }
 
 fn refuse(destination: &Path, version: &ModelVersion, reason: &str) -> Error {
-    Error::file(destination, format!("{reason}; {version} was not written. Choose a new folder"))
+    Error::refused(
+        &destination.display(),
+        format!("{reason}; {version} was not written. Choose a new folder"),
+    )
 }
 
 /// Creates a new file, and the folders above it.
@@ -94,46 +93,49 @@ pub(crate) fn write_new(path: &Path, content: &[u8]) -> Result<()> {
     file.write_all(content).and_then(|()| file.sync_all()).map_err(Error::io("write", path))
 }
 
-/// Returns whether `folder` holds exactly these files. Contents are read only if all names match.
-fn holds(folder: &Path, layers: &[Descriptor]) -> Result<bool> {
+/// Returns whether `folder` holds exactly the files of `version`. Contents are read only if all names match.
+fn holds(folder: &Path, version: &ModelVersion) -> Result<bool> {
     if !folder.is_dir() {
         return Ok(false);
     }
-    let files = checkpoint::list(folder, &[])?;
-    let expected: BTreeMap<_, _> = layers.iter().map(|layer| (layer.path(), layer.content())).collect();
-    if !files.iter().map(|(path, _)| Some(path.as_str())).eq(expected.keys().copied()) {
+    let (store, paths) = checkpoint::open(folder, &[])?;
+    let expected = version.manifest.files();
+    if !paths.iter().eq(expected.keys()) {
         return Ok(false);
     }
-    for ((_, source), content) in files.iter().zip(expected.values()) {
-        if checkpoint::fingerprint(source)? != *content {
+    for (path, digest) in expected {
+        if store.inspect(&path)?.is_none_or(|found| found.digest != digest) {
             return Ok(false);
         }
     }
     Ok(true)
 }
 
-/// Creates a hidden folder beside `destination`, for `version`.
-pub(crate) fn stage_beside(destination: &Path, version: &ModelVersion) -> Result<Staged> {
+/// Creates the folder `destination`, which must be free, with what `fill` writes of `version`.
+pub(crate) fn export(version: &ModelVersion, destination: &Path, fill: Fill) -> Result<()> {
+    let is_new = create_folder(destination, version, fill)?;
+    if is_new { Ok(()) } else { Err(refuse(destination, version, "exists")) }
+}
+
+/// Creates the folder `destination` with what `fill` writes of `version`: complete, or not at all. Returns false if there is
+/// something at `destination`.
+fn create_folder(destination: &Path, version: &ModelVersion, fill: Fill) -> Result<bool> {
+    if exists(destination) {
+        return Ok(false);
+    }
     let Some(name) = destination.file_name() else {
         return Err(refuse(destination, version, "is not the name of a new folder"));
     };
     let parent = destination.parent().unwrap_or(Path::new(""));
     fs::create_dir_all(parent).map_err(Error::io("create the folder", parent))?;
-    let hidden = |number| {
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{number}.tmp"));
-        parent.join(hidden)
-    };
-    Ok(Staged::create(hidden, |path| fs::create_dir(path))?.0)
-}
-
-/// Renames an exported folder to `destination`, which must be free.
-pub(crate) fn finish(staged: Staged, destination: &Path, version: &ModelVersion) -> Result<()> {
-    if exists(destination) {
-        return Err(refuse(destination, version, "exists"));
+    let hidden = |number| parent.join(format!(".{}.{number}.tmp", name.display()));
+    let (staged, ()) = Staged::create(hidden, |path| fs::create_dir(path))?;
+    fill(&staged.path)?;
+    match staged.rename(destination) {
+        // Another process was faster.
+        Err(_) if exists(destination) => Ok(false),
+        renamed => renamed.map(|()| true),
     }
-    staged.rename(destination)
 }
 
 #[cfg(test)]
@@ -185,7 +187,7 @@ mod tests {
         }
         let file = place.path("pulled0/notes.md");
         fs::write(&file, "mine").unwrap();
-        assert!(matches!(registry.pull(&reference, &file), Err(Error::File { .. })));
+        assert!(matches!(registry.pull(&reference, &file), Err(Error::Refused { .. })));
         assert_eq!(fs::read(&file).unwrap(), b"mine");
     }
 

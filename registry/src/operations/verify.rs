@@ -6,12 +6,13 @@ use serde::Serialize;
 
 use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
-use crate::events::{Log, broken_chain, events_key};
+use crate::events::{Log, broken_chain};
 use crate::model::{Descriptor, Event, ModelName, ModelRef};
 use crate::problem::{Fault, Problem};
 use crate::registry::{Registry, blob_problem, versions_key};
+use crate::store::folder::is_staged;
 use crate::store::sequence::{parse_number, pointer_key};
-use crate::store::{Listing, MODELS, blob_key, file_name};
+use crate::store::{MODELS, blob_key};
 
 /// Result of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -39,7 +40,9 @@ impl Registry {
             Some(reference) => {
                 let (name, number) = (&reference.name, self.find(reference)?);
                 let versions = [(number, verifier.version(name, number))].into();
-                verifier.log(&Log::of_version(name, number), &versions)?;
+                let log = Log::of_number(name, number);
+                let events = self.store.numbers(&log.folder)?;
+                verifier.log(&log, events.last().copied().unwrap_or(0), &versions);
             }
             None => verifier.everything()?,
         }
@@ -48,22 +51,38 @@ impl Registry {
     }
 }
 
+/// Returns the model, the folder of the log (empty for the versions) and the number of a pointer, or 0 for a folder of pointers.
+/// Returns `None` if nothing belongs there.
+fn place(key: &str, is_folder: bool) -> Option<(ModelName, &str, u64)> {
+    let mut parts = key.split('/').skip(1);
+    let name = parts.next()?.parse().ok()?;
+    let log = match parts.next() {
+        Some("versions") | None => "",
+        Some("events") => parts.next().unwrap_or_default(),
+        Some(_) => return None,
+    };
+    let number = match parts.next() {
+        Some(number) if !is_folder => parse_number(number)?,
+        None if is_folder => 0,
+        _ => return None,
+    };
+    let is_known = log.is_empty() || Log::in_folder(&name, log).is_some();
+    (is_known && parts.next().is_none()).then_some((name, log, number))
+}
+
 /// The versions of a model by number, with the digest of the manifest where it is intact.
 type Versions = BTreeMap<u64, Option<Digest>>;
 
 /// Describes what is wrong if `event` refers to none of `versions`.
 fn wrong_target(event: &Event, versions: &Versions) -> Option<Fault> {
-    let target = event.target()?;
-    let reason = match versions.get(&target.version) {
-        None => format!("it refers to version {}, which does not exist", target.version),
-        Some(Some(digest)) if *digest != target.digest => {
-            format!(
-                "it refers to version {} with digest {}, which has {digest}",
-                target.version, target.digest
-            )
-        }
+    let target = event.target?;
+    let state = match versions.get(&target.version) {
+        None => "does not exist".to_owned(),
+        Some(Some(digest)) if *digest != target.digest => format!("has {digest}"),
         Some(_) => return None,
     };
+    let reason =
+        format!("it refers to version {} with digest {}, which {state}", target.version, target.digest);
     Some(Fault::Malformed { reason })
 }
 
@@ -77,58 +96,32 @@ struct Verifier<'a> {
 
 impl Verifier<'_> {
     fn everything(&mut self) -> Result<()> {
-        for folder in self.folders(MODELS)? {
-            match file_name(&folder).parse::<ModelName>() {
-                Ok(name) => self.model(&name)?,
-                Err(_) => self.stray(&folder),
+        let store = &self.registry.store;
+        // In a folder, links are a problem wherever they are.
+        let found = store.walk(if store.folder.is_some() { "" } else { MODELS })?;
+        self.result.problems = found.problems;
+        let folders = found.folders.into_iter().map(|key| (key, true));
+        let objects = found.objects.into_iter().map(|object| (object.key, false));
+        let below_models = |(key, _): &(String, bool)| key.starts_with("models/") && !is_staged(key);
+        // The highest number of the versions and of each log.
+        let mut models = BTreeMap::<_, BTreeMap<_, u64>>::new();
+        for (key, is_folder) in folders.chain(objects).filter(below_models) {
+            match place(&key, is_folder) {
+                Some((name, log, number)) => {
+                    let last = models.entry(name).or_default().entry(log.to_owned()).or_default();
+                    *last = number.max(*last);
+                }
+                None => self.result.problems.push(Fault::Stray.of("", &key)),
             }
         }
-        if self.registry.store.folder().is_some() {
-            let mut links = self.registry.store.walk("")?.problems;
-            links.retain(|link| !self.result.problems.contains(link));
-            self.result.problems.extend(links);
-        }
-        Ok(())
-    }
-
-    /// Lists a folder. It is empty if it is a link, which is a problem. Links in it are reported at the end.
-    fn list(&mut self, key: &str) -> Result<Listing> {
-        match self.registry.store.list(key) {
-            Err(Error::Damaged(problem)) => {
-                self.result.problems.push(*problem);
-                Ok(Listing::default())
-            }
-            listing => listing,
-        }
-    }
-
-    /// Lists a folder that may hold folders only.
-    fn folders(&mut self, key: &str) -> Result<Vec<String>> {
-        let listing = self.list(key)?;
-        listing.objects.iter().for_each(|object| self.stray(&object.key));
-        Ok(listing.folders)
-    }
-
-    /// Lists a folder of numbered pointers and returns the highest number.
-    fn last_number(&mut self, key: &str) -> Result<u64> {
-        let mut last = 0;
-        for object in self.list(key)?.objects {
-            match parse_number(file_name(&object.key)) {
-                Some(number) => last = last.max(number),
-                None => self.stray(&object.key),
-            }
-        }
-        Ok(last)
-    }
-
-    fn model(&mut self, name: &ModelName) -> Result<()> {
-        let newest = self.last_number(&versions_key(name))?;
-        let versions = (1..=newest).map(|number| (number, self.version(name, number))).collect();
-        self.duplicates(name, &versions);
-        for folder in self.folders(&events_key(name))? {
-            match Log::in_folder(name, file_name(&folder)) {
-                Some(log) => self.log(&log, &versions)?,
-                None => self.stray(&folder),
+        for (name, logs) in models {
+            let newest = logs.get("").copied().unwrap_or(0);
+            let versions = (1..=newest).map(|number| (number, self.version(&name, number))).collect();
+            self.duplicates(&name, &versions);
+            for (log, last) in logs {
+                if let Some(log) = Log::in_folder(&name, &log) {
+                    self.log(&log, last, &versions);
+                }
             }
         }
         Ok(())
@@ -165,22 +158,22 @@ impl Verifier<'_> {
         }
     }
 
-    /// Verifies that all events of a log are what was recorded, follow each other, and refer to some of `versions`. Verifies the
+    /// Verifies that the `last` events of a log are what was recorded, follow each other, and refer to some of `versions`. Verifies the
     /// attached blobs.
-    fn log(&mut self, log: &Log, versions: &Versions) -> Result<()> {
+    fn log(&mut self, log: &Log, last: u64, versions: &Versions) {
         // Digest of the previous event, unknown where that one is damaged.
         let mut previous = Some(None);
-        for number in 1..=self.last_number(&log.folder)? {
+        for number in 1..=last {
             self.result.events += 1;
             match self.registry.event(log, number) {
-                Ok((event, digest)) => {
-                    if let Some(attached) = event.attached() {
+                Ok(event) => {
+                    if let Some(attached) = &event.attached {
                         self.blob(&log.affected(), attached);
                     }
                     let broken = previous.and_then(|previous| broken_chain(&event, previous));
                     let fault = broken.or_else(|| wrong_target(&event, versions));
                     self.result.problems.extend(fault.map(|fault| log.problem(number, fault)));
-                    previous = Some(Some(digest));
+                    previous = Some(event.digest);
                 }
                 Err(error) => {
                     previous = None;
@@ -188,7 +181,6 @@ impl Verifier<'_> {
                 }
             }
         }
-        Ok(())
     }
 
     fn blob(&mut self, model: &str, blob: &Descriptor) {
@@ -207,10 +199,6 @@ impl Verifier<'_> {
             Error::Damaged(problem) => *problem,
             error => attribute(Fault::Unreadable { reason: error.to_string() }),
         });
-    }
-
-    fn stray(&mut self, key: &str) {
-        self.result.problems.push(Fault::Stray.at(key));
     }
 }
 
@@ -491,15 +479,16 @@ mod tests {
         fs::write(events.join("champion/12"), "").unwrap();
         fs::remove_file(events.join("champion/000001")).unwrap();
         fs::create_dir_all(events.join("Upper")).unwrap();
-        let found: Vec<_> =
+        let mut found: Vec<_> =
             registry.verify(None).unwrap().problems.into_iter().map(|p| (p.object, p.fault)).collect();
+        found.sort_by(|a, b| a.0.cmp(&b.0));
         let at = |key: &str| format!("models/approach/events/{key}");
         let expected = [
-            (at("current"), Fault::Stray),
             (at("3"), Fault::Stray),
             (at("Upper"), Fault::Stray),
-            (at("champion/12"), Fault::Stray),
             (at("champion/000001"), Fault::Missing),
+            (at("champion/12"), Fault::Stray),
+            (at("current"), Fault::Stray),
         ];
         assert_eq!(found, expected);
 
@@ -530,8 +519,8 @@ mod tests {
         let found: Vec<_> =
             registry.verify(None).unwrap().problems.into_iter().map(|p| (p.object, p.fault)).collect();
         assert_eq!(found.len(), 5, "{found:?}");
-        assert_eq!(found[0], ("models/notes.txt".into(), Fault::Stray));
-        assert!(found[1].0.starts_with("models/My"));
+        assert!(found[0].0.starts_with("models/My"));
+        assert_eq!(found[1], ("models/notes.txt".into(), Fault::Stray));
         assert_eq!(found[2], ("models/approach/versions/latest".into(), Fault::Stray));
         assert_eq!(found[3], (version_key(3), Fault::Missing));
         assert_eq!(found[4].0, version_key(4));

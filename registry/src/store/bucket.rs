@@ -8,10 +8,11 @@ use object_store::{ClientConfigKey, ObjectStore};
 
 use crate::error::{Error, Result};
 
-/// Opens `prefix` in `bucket`. `root` is the location for messages. Region, credentials and endpoint come from the environment
+/// Opens `BUCKET` or `BUCKET/PREFIX`. `root` is the location for messages. Region, credentials and endpoint come from the environment
 /// (`AWS_REGION`, `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_ENDPOINT_URL`,
 /// `AWS_ALLOW_HTTP`, ...).
-pub(super) fn open(bucket: &str, prefix: &str, root: &str) -> Result<Arc<dyn ObjectStore>> {
+pub(super) fn open(place: &str, root: &str) -> Result<Arc<dyn ObjectStore>> {
+    let (bucket, prefix) = place.split_once('/').unwrap_or((place, ""));
     connect(AmazonS3Builder::from_env().with_bucket_name(bucket), prefix, root)
 }
 
@@ -22,7 +23,7 @@ fn connect(builder: AmazonS3Builder, prefix: &str, root: &str) -> Result<Arc<dyn
     let endpoint = builder.get_config_value(&AmazonS3ConfigKey::Endpoint).unwrap_or_default();
     if endpoint.starts_with("http://") && allows_http.as_deref() != Some("true") {
         let reason = format!("{endpoint} is not encrypted; use https, or set AWS_ALLOW_HTTP=true");
-        return Err(Error::Location { root: root.to_owned(), reason });
+        return Err(Error::refused(&root, reason));
     }
     let objects = builder.build().map_err(|source| error("open the bucket", root.to_owned(), source))?;
     Ok(if prefix.is_empty() { Arc::new(objects) } else { Arc::new(PrefixStore::new(objects, prefix)) })
@@ -35,7 +36,7 @@ pub(super) fn error(action: &'static str, place: String, source: object_store::E
     // Paths of Amazon's metadata service.
     let asked_cloud = ["/latest/api/token", "/latest/meta-data/"].iter().any(|path| message.contains(path));
     if !asked_cloud {
-        return Error::Store { action, place, source };
+        return Error::Failed { action, place, source: source.into() };
     }
     let reason = format!(
         "cannot {action}: no credentials. Set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY in the environment (and \

@@ -17,10 +17,7 @@ use crate::problem::{Fault, Problem};
 
 /// Returns the problem with the object or folder `key`, if files of this type are not allowed.
 fn problem(key: &str, kind: FileType) -> Option<Problem> {
-    if kind.is_symlink() {
-        return Some(Fault::Link.at(key));
-    }
-    (!kind.is_file() && !kind.is_dir()).then(|| Fault::Special.at(key))
+    (!kind.is_file() && !kind.is_dir()).then(|| Fault::Irregular.of("", key))
 }
 
 /// Refuses a key below `root` that leads to or through a symbolic link or a special file.
@@ -59,8 +56,7 @@ pub(super) fn list(root: &Path, key: &str) -> Result<Listing> {
             listing.folders.push(key);
         } else {
             let modified = metadata.modified().map_err(Error::io("read", &entry.path()))?;
-            let objects = if is_staged(&key) { &mut listing.staged } else { &mut listing.objects };
-            objects.push(Object { key, size: metadata.len(), modified });
+            listing.objects.push(Object { key, size: metadata.len(), modified });
         }
     }
     listing.folders.sort();
@@ -70,9 +66,13 @@ pub(super) fn list(root: &Path, key: &str) -> Result<Listing> {
 }
 
 /// Returns whether a local store is writing this file: `NAME#7` becomes `NAME` when it is complete.
-fn is_staged(name: &str) -> bool {
-    let number = name.rsplit_once('#').map(|(_, number)| number);
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
+pub(crate) fn is_staged(name: &str) -> bool {
+    name.rsplit_once('#').is_some_and(|(_, number)| is_numeral(number))
+}
+
+/// Returns whether `text` consists of digits.
+pub(super) fn is_numeral(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|c| c.is_ascii_digit())
 }
 
 #[cfg(unix)]
@@ -179,7 +179,7 @@ mod tests {
             }
             let problems = registry.verify(None).unwrap().problems;
             assert!(
-                problems.iter().any(|problem| problem.object == *key && problem.fault == Fault::Link),
+                problems.iter().any(|problem| problem.object == *key && problem.fault == Fault::Irregular),
                 "{key}: {problems:?}"
             );
 
@@ -221,10 +221,10 @@ mod tests {
         let found: Vec<_> =
             verified.problems.iter().map(|problem| (problem.object.as_str(), &problem.fault)).collect();
         for key in ["models/approach/versions/000003", "models/approach/loop", "notes"] {
-            assert!(found.contains(&(key, &Fault::Link)), "{found:?}");
+            assert!(found.contains(&(key, &Fault::Irregular)), "{found:?}");
         }
         for key in [&weights, "models/approach/events/pipe"] {
-            assert!(found.contains(&(key, &Fault::Special)), "{found:?}");
+            assert!(found.contains(&(key, &Fault::Irregular)), "{found:?}");
         }
         assert_eq!(verified.versions, 2, "the others are verified nevertheless");
         let refusal =
@@ -233,7 +233,7 @@ mod tests {
         fs::remove_file(root.join("models/approach/versions/000003")).unwrap();
         let refusal =
             registry.pull(&"approach@1".parse().unwrap(), &place.path("pulled")).unwrap_err().to_string();
-        assert!(refusal.contains("is neither a file nor a folder: remove it"), "{refusal}");
+        assert!(refusal.contains("special file"), "{refusal}");
         assert!(!place.path("pulled").exists());
     }
 
@@ -243,7 +243,7 @@ mod tests {
         let place = Place::local();
         let (registry, first) = published(&place);
         symlink(place.path("registry"), place.path("linked")).unwrap();
-        let linked = Registry::open(&Location::from(&place.path("linked"))).unwrap();
+        let linked = Registry::open(&Location::from(place.path("linked").as_path())).unwrap();
         assert_eq!(linked.verify(None).unwrap(), registry.verify(None).unwrap());
         linked.pull(&"approach@1".parse().unwrap(), &place.path("pulled")).unwrap();
 

@@ -15,14 +15,9 @@ use crate::error::{Error, Result};
 pub enum Location {
     /// A folder.
     Folder(PathBuf),
-    /// A bucket, or a prefix in it.
+    /// A bucket, or a prefix in it: `BUCKET` or `BUCKET/PREFIX`.
     #[cfg(feature = "s3")]
-    Bucket {
-        /// Name of the bucket.
-        bucket: String,
-        /// Prefix of all keys, without `/` at its ends. It may be empty.
-        prefix: String,
-    },
+    Bucket(String),
 }
 
 impl Location {
@@ -31,7 +26,7 @@ impl Location {
         match self {
             Self::Folder(folder) => Some(folder),
             #[cfg(feature = "s3")]
-            Self::Bucket { .. } => None,
+            Self::Bucket(_) => None,
         }
     }
 }
@@ -41,9 +36,7 @@ impl fmt::Display for Location {
         match self {
             Self::Folder(folder) => folder.display().fmt(f),
             #[cfg(feature = "s3")]
-            Self::Bucket { bucket, prefix } if prefix.is_empty() => write!(f, "s3://{bucket}"),
-            #[cfg(feature = "s3")]
-            Self::Bucket { bucket, prefix } => write!(f, "s3://{bucket}/{prefix}"),
+            Self::Bucket(place) => write!(f, "s3://{place}"),
         }
     }
 }
@@ -52,7 +45,7 @@ impl FromStr for Location {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let refuse = |reason: &str| Error::Location { root: text.to_owned(), reason: reason.to_owned() };
+        let refuse = |reason: &str| Error::refused(&text, reason);
         match text.split_once("://") {
             None if text.is_empty() => Err(refuse("name a folder")),
             None => Ok(Self::Folder(text.into())),
@@ -64,14 +57,13 @@ impl FromStr for Location {
 
 #[cfg(feature = "s3")]
 fn bucket(place: &str) -> std::result::Result<Location, &'static str> {
-    let (bucket, prefix) = place.split_once('/').unwrap_or((place, ""));
-    let prefix = prefix.trim_end_matches('/');
-    let safe = |part: &str| {
+    let place = place.strip_suffix('/').unwrap_or(place);
+    let is_safe = |part: &str| {
         !matches!(part, "" | "." | "..")
             && part.bytes().all(|c| c.is_ascii_alphanumeric() || b".-_=".contains(&c))
     };
-    if safe(bucket) && (prefix.is_empty() || prefix.split('/').all(safe)) {
-        return Ok(Location::Bucket { bucket: bucket.into(), prefix: prefix.into() });
+    if place.split('/').all(is_safe) {
+        return Ok(Location::Bucket(place.to_owned()));
     }
     Err("write s3://BUCKET/PREFIX with letters, digits, `.`, `-`, `_` and `=` between the slashes")
 }
@@ -85,12 +77,6 @@ fn bucket(_: &str) -> std::result::Result<Location, &'static str> {
 impl From<&Path> for Location {
     fn from(folder: &Path) -> Self {
         Self::Folder(folder.to_owned())
-    }
-}
-
-impl From<&PathBuf> for Location {
-    fn from(folder: &PathBuf) -> Self {
-        folder.as_path().into()
     }
 }
 

@@ -3,9 +3,11 @@
 //! The interface is synchronous. A folder works inside the poll, without a runtime. A bucket has a runtime of its own.
 
 use std::future::Future;
-use std::io::{self, Read};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::io::Read;
+use std::panic::resume_unwind;
+use std::path::PathBuf;
+use std::sync::{Arc, mpsc};
+use std::thread;
 use std::time::SystemTime;
 
 use bytes::Bytes;
@@ -14,13 +16,13 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
 use object_store::{GetResultPayload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode};
 
-use crate::digest::{Digest, Fingerprint, Hasher, hash_in_background};
+use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
 use crate::problem::Problem;
 
 #[cfg(feature = "s3")]
 mod bucket;
-mod folder;
+pub(crate) mod folder;
 pub(crate) mod location;
 #[cfg(test)]
 pub(crate) mod misbehaving;
@@ -30,7 +32,6 @@ pub(crate) mod staged;
 pub(crate) mod upload;
 
 use location::Location;
-use upload::Sink;
 
 /// Size of the largest manifest or event. OCI registries take no larger manifests either.
 pub(crate) const DOCUMENT_LIMIT: u64 = 4 << 20;
@@ -45,7 +46,7 @@ pub(crate) const MODELS: &str = "models";
 const PARALLEL_REQUESTS: usize = 16;
 
 /// Bytes that are read from a file at a time.
-pub(crate) const PIECE: usize = 1 << 20;
+const PIECE: usize = 1 << 20;
 
 /// Retries when the store reports a conflict but the object cannot be read.
 const CREATE_ATTEMPTS: u32 = 8;
@@ -76,14 +77,13 @@ impl From<ObjectMeta> for Object {
     }
 }
 
-/// Content of a folder of the store.
+/// Content of a folder of the store, sorted by key.
 #[derive(Debug, Default)]
 pub(crate) struct Listing {
-    /// Keys of the folders in it.
+    /// Keys of the folders in it. A bucket has no empty ones.
     pub(crate) folders: Vec<String>,
+    /// Objects and, in a local store, half-written files.
     pub(crate) objects: Vec<Object>,
-    /// Half-written files of a local store.
-    pub(crate) staged: Vec<Object>,
     /// Symbolic links and special files in a local store.
     pub(crate) problems: Vec<Problem>,
 }
@@ -98,14 +98,17 @@ impl Listing {
     }
 }
 
+/// Receives the pieces of a content.
+pub(crate) type Sink<'a> = &'a mut dyn FnMut(Bytes) -> Result<()>;
+
 /// A store in which each object is written once.
 #[derive(Debug, Clone)]
 pub(crate) struct Store {
     objects: Arc<dyn ObjectStore>,
     /// Location, for messages.
-    root: String,
+    pub(crate) root: String,
     /// The local folder, if the store is one.
-    folder: Option<PathBuf>,
+    pub(crate) folder: Option<PathBuf>,
     /// Drives requests over the network.
     #[cfg(feature = "s3")]
     runtime: Option<Arc<tokio::runtime::Runtime>>,
@@ -134,23 +137,13 @@ impl Store {
                 Ok(Self { folder: Some(folder.clone()), ..Self::new(objects, root) })
             }
             #[cfg(feature = "s3")]
-            Location::Bucket { bucket, prefix } => {
-                let objects = bucket::open(bucket, prefix, &root)?;
+            Location::Bucket(place) => {
+                let objects = bucket::open(place, &root)?;
                 let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-                let runtime = runtime.map_err(Error::io("start a runtime for", Path::new(&root)))?;
+                let runtime = runtime.map_err(Error::io("start a runtime for", root.as_ref()))?;
                 Ok(Self { runtime: Some(Arc::new(runtime)), ..Self::new(objects, root) })
             }
         }
-    }
-
-    /// Returns the local folder, if the store is one.
-    pub(crate) fn folder(&self) -> Option<&Path> {
-        self.folder.as_deref()
-    }
-
-    /// Returns the location, for messages.
-    pub(crate) fn root(&self) -> &str {
-        &self.root
     }
 
     /// Blocks until `work` is done.
@@ -227,17 +220,17 @@ impl Store {
 
     /// Reads a small object. Returns at most `DOCUMENT_LIMIT` + 1 bytes, so that the caller can detect an oversized one.
     pub(crate) fn read(&self, key: &str) -> Result<Option<Vec<u8>>> {
-        self.read_start(key, DOCUMENT_LIMIT + 1)
+        Ok(self.read_start(key, DOCUMENT_LIMIT + 1)?.map(|(bytes, _)| bytes))
     }
 
-    /// Reads the first bytes of an object, at most `limit`.
-    pub(crate) fn read_start(&self, key: &str, limit: u64) -> Result<Option<Vec<u8>>> {
+    /// Reads the first bytes of an object, at most `limit`. Returns them and the size of the object.
+    pub(crate) fn read_start(&self, key: &str, limit: u64) -> Result<Option<(Vec<u8>, u64)>> {
         let mut bytes = Vec::new();
-        let found = self.scan(key, limit, &mut |piece| {
+        let size = self.scan(key, limit, &mut |piece| {
             bytes.extend_from_slice(&piece);
             Ok(())
         })?;
-        Ok(found.then_some(bytes))
+        Ok(size.map(|size| (bytes, size)))
     }
 
     /// Reads small objects, several in parallel because a bucket is far away. Missing and oversized objects are empty.
@@ -253,59 +246,61 @@ impl Store {
         self.wait(stream::iter(&keys).map(read).buffered(PARALLEL_REQUESTS).try_collect())
     }
 
-    /// Passes at most `limit` bytes of an object to `sink`, piece by piece. Returns false if there is no such object.
-    pub(crate) fn scan(&self, key: &str, limit: u64, sink: Sink) -> Result<bool> {
+    /// Passes at most `limit` bytes of an object to `sink`, piece by piece. Returns its size, `None` if there is no such object.
+    fn scan(&self, key: &str, limit: u64, sink: Sink) -> Result<Option<u64>> {
         let found = match self.wait(self.objects.get(&self.key(key)?)) {
             Ok(found) => found,
-            Err(object_store::Error::NotFound { .. }) => return Ok(false),
+            Err(object_store::Error::NotFound { .. }) => return Ok(None),
             Err(source) => return Err(self.error("read", key)(source)),
         };
+        let size = found.meta.size;
+        let mut left = limit;
         match found.payload {
-            GetResultPayload::File(file, path) => {
-                let mut file = file.take(limit);
+            GetResultPayload::File(mut file, path) => {
                 // One byte more, so that a small file ends with the first read.
-                let size = usize::try_from(found.meta.size).unwrap_or(PIECE).min(PIECE) + 1;
-                loop {
-                    let piece = read_piece(&mut file, size).map_err(Error::io("read", &path))?;
-                    if piece.is_empty() {
-                        return Ok(true);
+                let length = usize::try_from(size).unwrap_or(PIECE).min(PIECE) + 1;
+                while left > 0 {
+                    let mut piece = Vec::with_capacity(length);
+                    let read = file.by_ref().take(left.min(length as u64)).read_to_end(&mut piece);
+                    if read.map_err(Error::io("read", &path))? == 0 {
+                        break;
                     }
-                    sink(piece)?;
+                    left -= piece.len() as u64;
+                    sink(piece.into())?;
                 }
             }
             GetResultPayload::Stream(mut pieces) => {
-                let mut left = limit;
                 while let Some(piece) = self.wait(pieces.next()).filter(|_| left > 0) {
                     let mut piece = piece.map_err(self.error("read", key))?;
                     piece.truncate(usize::try_from(left).unwrap_or(usize::MAX));
                     left -= piece.len() as u64;
                     sink(piece)?;
                 }
-                Ok(true)
             }
         }
+        Ok(Some(size))
     }
 
-    /// Passes a blob to `sink` and returns the fingerprint of what is stored, `None` if nothing is. The caller must compare it:
-    /// the blob may be damaged.
-    pub(crate) fn read_blob(&self, digest: Digest, sink: Sink) -> Result<Option<Fingerprint>> {
-        let (found, content) = hash_in_background(|hash| {
-            self.scan(&blob_key(digest), u64::MAX, &mut |piece| {
-                hash(piece.clone());
+    /// Passes an object to `sink` and returns its fingerprint, `None` if there is no such object. Another thread computes it
+    /// meanwhile: hashing takes about as long as reading or writing.
+    pub(crate) fn fetch(&self, key: &str, sink: Sink) -> Result<Option<Fingerprint>> {
+        thread::scope(|scope| {
+            let (sender, pieces) = mpsc::sync_channel::<Bytes>(1);
+            let hashing = scope.spawn(move || Fingerprint::of(pieces));
+            let found = self.scan(key, u64::MAX, &mut |piece| {
+                // Sending fails only if hashing panicked, which is propagated below.
+                drop(sender.send(piece.clone()));
                 sink(piece)
-            })
-        })?;
-        Ok(found.then_some(content))
+            });
+            drop(sender);
+            let content = hashing.join().unwrap_or_else(|panic| resume_unwind(panic));
+            Ok(found?.map(|_| content))
+        })
     }
 
     /// Returns the fingerprint of an object.
     pub(crate) fn inspect(&self, key: &str) -> Result<Option<Fingerprint>> {
-        let mut hasher = Hasher::default();
-        let found = self.scan(key, u64::MAX, &mut |piece| {
-            hasher.update(&piece);
-            Ok(())
-        })?;
-        Ok(found.then(|| hasher.finish()))
+        self.fetch(key, &mut |_| Ok(()))
     }
 
     /// Lists the folder `prefix`, or the root if it is empty. A missing folder is empty.
@@ -321,21 +316,22 @@ impl Store {
         Ok(Listing { folders, objects, ..Listing::default() })
     }
 
-    /// Lists all objects at any depth below the folder `prefix`.
+    /// Lists everything at any depth below the folder `prefix`.
     pub(crate) fn walk(&self, prefix: &str) -> Result<Listing> {
         let key = self.key(prefix)?;
-        let Some(root) = &self.folder else {
+        if self.folder.is_none() {
             let found = self.wait(self.objects.list(Some(&key)).map_ok(Object::from).try_collect());
             let objects = found.map_err(self.error("list", prefix))?;
             return Ok(Listing { objects, ..Listing::default() });
-        };
-        let mut listing = Listing { folders: vec![prefix.to_owned()], ..Listing::default() };
-        while let Some(key) = listing.folders.pop() {
-            let found = folder::list(root, &key)?;
+        }
+        let mut listing = self.list(prefix)?;
+        let mut next = 0;
+        while let Some(folder) = listing.folders.get(next) {
+            let found = self.list(folder)?;
             listing.folders.extend(found.folders);
             listing.objects.extend(found.objects);
-            listing.staged.extend(found.staged);
             listing.problems.extend(found.problems);
+            next += 1;
         }
         Ok(listing)
     }
@@ -351,14 +347,7 @@ use bucket::error;
 
 #[cfg(not(feature = "s3"))]
 fn error(action: &'static str, place: String, source: object_store::Error) -> Error {
-    Error::Store { action, place, source }
-}
-
-/// Reads the next `size` bytes of `reader`, fewer only at its end.
-fn read_piece(reader: &mut impl Read, size: usize) -> io::Result<Bytes> {
-    let mut piece = Vec::with_capacity(size);
-    reader.take(size as u64).read_to_end(&mut piece)?;
-    Ok(piece.into())
+    Error::Failed { action, place, source: source.into() }
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 use bytes::Bytes;
 
 use super::Store;
+use super::folder::is_numeral;
 use crate::error::{Error, Result};
 
 /// Prefix of the temporary keys.
@@ -13,8 +14,7 @@ pub(crate) const PROBE: &str = "probe-";
 
 /// Returns whether `key` is that of a probe's object. A killed probe leaves it behind.
 pub(crate) fn is_probe(key: &str) -> bool {
-    let number = key.strip_prefix(PROBE);
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit()))
+    key.strip_prefix(PROBE).is_some_and(is_numeral)
 }
 
 /// Number of keys to try. Others may be probing too, or have been killed while they did.
@@ -22,12 +22,12 @@ const ATTEMPTS: u32 = 200;
 
 /// Refuses a store that could overwrite what is published. The probe's object is deleted again.
 pub(crate) fn probe(store: &Store) -> Result<()> {
-    let unfit = |reason: &str| Error::Location {
-        root: store.root().to_owned(),
-        reason: format!(
+    let unfit = |reason: &str| {
+        let reason = format!(
             "cannot hold a registry: {reason}. Of two simultaneous publications, one would be lost. A folder must be on a file \
              system with hard links (not FAT or exFAT), and an S3 server must honor `If-None-Match: *`"
-        ),
+        );
+        Error::refused(&store.root, reason)
     };
     for number in 0..ATTEMPTS {
         let key = format!("{PROBE}{number}");

@@ -6,6 +6,8 @@
 
 use std::fmt::Display;
 
+use serde::Serialize;
+
 use super::{DOCUMENT_LIMIT, Store, blob_key, file_name};
 use crate::digest::Digest;
 use crate::error::{Error, Result};
@@ -32,6 +34,12 @@ pub(crate) fn parse_pointer(bytes: &[u8]) -> std::result::Result<Digest, String>
     text.parse().map_err(|error| format!("{error}"))
 }
 
+/// Serializes a document of `subject`: to the same bytes on every machine.
+pub(crate) fn encode(subject: &dyn Display, document: &impl Serialize) -> Result<Vec<u8>> {
+    let text = serde_json::to_string_pretty(document);
+    Ok((text.map_err(|error| Error::refused(subject, error.to_string()))? + "\n").into_bytes())
+}
+
 impl Store {
     /// Returns the numbers of the pointers in `folder`, in ascending order.
     pub(crate) fn numbers(&self, folder: &str) -> Result<Vec<u64>> {
@@ -46,31 +54,40 @@ impl Store {
         Ok(pointers.filter_map(|(&number, bytes)| Some((number, parse_pointer(&bytes).ok()?))).collect())
     }
 
-    /// Reads the document that the pointer `key` of `subject` names, and its digest. Both are verified.
+    /// Reads the document of `subject` that the pointer `key` names, and its digest. Both are verified.
     pub(crate) fn follow(&self, subject: &str, key: &str) -> Result<(Vec<u8>, Digest)> {
-        let fail = |fault: Fault, key: &str| Err(fault.of(subject, key).into());
-        let Some(bytes) = self.read(key)? else { return fail(Fault::Missing, key) };
-        let digest = match parse_pointer(&bytes) {
-            Ok(digest) => digest,
-            Err(reason) => return fail(Fault::Malformed { reason }, key),
+        let fail = |fault: Fault| Error::from(fault.of(subject, key));
+        let pointer = self.read(key)?.ok_or_else(|| fail(Fault::Missing))?;
+        let digest = parse_pointer(&pointer).map_err(|reason| fail(Fault::Malformed { reason }))?;
+        match self.document(subject, digest) {
+            Err(Error::Damaged(problem)) if problem.fault == Fault::Missing => {
+                Err(fail(Fault::Dangling { digest }))
+            }
+            document => Ok((document?, digest)),
+        }
+    }
+
+    /// Reads the document of `subject` with this digest, and verifies it.
+    pub(crate) fn document(&self, subject: &str, digest: Digest) -> Result<Vec<u8>> {
+        let key = blob_key(digest);
+        let fault = match self.read(&key)? {
+            None => Fault::Missing,
+            Some(bytes) if bytes.len() as u64 > DOCUMENT_LIMIT => {
+                Fault::Malformed { reason: format!("it has more than {DOCUMENT_LIMIT} bytes") }
+            }
+            Some(bytes) => match Digest::of(&bytes) {
+                found if found == digest => return Ok(bytes),
+                found => Fault::Digest { expected: digest, found },
+            },
         };
-        let blob = blob_key(digest);
-        let Some(document) = self.read(&blob)? else { return fail(Fault::Dangling { digest }, key) };
-        if document.len() as u64 > DOCUMENT_LIMIT {
-            let reason = format!("it has more than {DOCUMENT_LIMIT} bytes");
-            return fail(Fault::Malformed { reason }, &blob);
-        }
-        match Digest::of(&document) {
-            found if found == digest => Ok((document, digest)),
-            found => fail(Fault::Digest { expected: digest, found }, &blob),
-        }
+        Err(fault.of(subject, &key).into())
     }
 
     /// Stores a document of `subject` as a blob.
     pub(crate) fn put_document(&self, subject: &dyn Display, document: &[u8]) -> Result<Digest> {
         if document.len() as u64 > DOCUMENT_LIMIT {
             let size = document.len();
-            let reason = format!("its description would have {size} bytes, more than {DOCUMENT_LIMIT}");
+            let reason = format!("its document would have {size} bytes, more than {DOCUMENT_LIMIT}");
             return Err(Error::refused(subject, reason));
         }
         self.put_blob(document.to_owned())

@@ -8,76 +8,53 @@ use std::io::Write;
 use std::path::Path;
 
 use bytes::Bytes;
-use futures_util::StreamExt;
-use futures_util::stream::FuturesUnordered;
-use object_store::{MultipartUpload, ObjectStoreExt, UploadPart};
+use futures_util::future::try_join_all;
+use object_store::{MultipartUpload, ObjectStoreExt};
 
 use super::staged::{Staged, create_folder, sync_folder};
-use super::{BLOBS, PIECE, Store, blob_key, read_piece};
-use crate::digest::{Digest, Fingerprint, hash_in_background};
+use super::{BLOBS, Store, blob_key};
+use crate::digest::{Digest, Fingerprint};
 use crate::error::{Error, Result};
+use crate::problem::Fault;
 
 /// Size of a part of a large blob. Object stores want equal parts of at least 5 MiB.
 const PART: usize = 8 << 20;
 
-/// Number of parts that are sent in parallel.
+/// Number of parts that are in memory, and sent in parallel.
 const PARALLEL_PARTS: usize = 3;
-
-/// Receives the pieces of a content.
-pub(crate) type Sink<'a> = &'a mut dyn FnMut(Bytes) -> Result<()>;
-
-/// The content of a blob to be stored. It can be read several times.
-pub(crate) type Source<'a> = &'a dyn Fn(Sink) -> Result<()>;
 
 /// Decides whether an existing blob will stay, so that it need not be written.
 pub(crate) type IsKept<'a> = &'a mut dyn FnMut(Fingerprint) -> Result<bool>;
 
-/// Reads the file `path` piece by piece.
-pub(crate) fn read_file(path: &Path, sink: Sink) -> Result<()> {
-    let mut file = File::open(path).map_err(Error::io("read", path))?;
-    loop {
-        let piece = read_piece(&mut file, PIECE).map_err(Error::io("read", path))?;
-        if piece.is_empty() {
-            return Ok(());
-        }
-        sink(piece)?;
-    }
-}
-
 impl Store {
-    /// Stores a blob, unless it `is_kept`, and returns its fingerprint. Returns `None`, and stores nothing, if the content
-    /// changed while it was sent to a bucket.
-    pub(crate) fn upload(&self, source: Source, is_kept: IsKept) -> Result<Option<Fingerprint>> {
-        if let Some(folder) = self.folder() {
-            return self.copy(source, folder, is_kept).map(Some);
+    /// Stores the object `key` of the store `from` as a blob, unless it `is_kept`, and returns its fingerprint. Fails, and stores
+    /// nothing, if the content changes while it is sent to a bucket.
+    pub(crate) fn upload(&self, from: &Self, key: &str, is_kept: IsKept) -> Result<Fingerprint> {
+        let missing = || Error::from(Fault::Missing.of("", key));
+        if let Some(folder) = self.folder.as_deref() {
+            return self.copy(from, key, folder, is_kept)?.ok_or_else(missing);
         }
-        let ((), content) = hash_in_background(|hash| {
-            source(&mut |piece| {
-                hash(piece);
-                Ok(())
-            })
-        })?;
-        let is_stored = is_kept(content)? || self.send(content, source)?;
-        Ok(is_stored.then_some(content))
+        let content = from.inspect(key)?.ok_or_else(missing)?;
+        if is_kept(content)? || self.send(content, from, key)? {
+            return Ok(content);
+        }
+        let place = format!("{}/{key}", from.root);
+        Err(Error::refused(&place, "changed while it was read; try again when it is complete"))
     }
 
-    /// Copies a content into the store in `folder`.
-    fn copy(&self, source: Source, folder: &Path, is_kept: IsKept) -> Result<Fingerprint> {
+    /// Copies a content into the store in `folder`. Returns `None` if there is no such object.
+    fn copy(&self, from: &Self, key: &str, folder: &Path, is_kept: IsKept) -> Result<Option<Fingerprint>> {
         self.key(BLOBS)?;
         let blobs = folder.join(BLOBS);
         create_folder(&blobs)?;
         // Named like the store's own temporary files, so that no listing shows it and `gc` finds what a crash leaves.
         let (staged, mut file) =
             Staged::create(|number| blobs.join(format!("upload#{number}")), |path| File::create_new(path))?;
-        let ((), content) = hash_in_background(|hash| {
-            source(&mut |piece| {
-                hash(piece.clone());
-                file.write_all(&piece).map_err(Error::io("write", &staged.path))
-            })?;
-            // What was published must survive a power failure.
-            file.sync_all().map_err(Error::io("write", &staged.path))
-        })?;
+        let mut write = |piece: Bytes| file.write_all(&piece).map_err(Error::io("write", &staged.path));
+        let Some(content) = from.fetch(key, &mut write)? else { return Ok(None) };
         if !is_kept(content)? {
+            // What was published must survive a power failure.
+            file.sync_all().map_err(Error::io("write", &staged.path))?;
             let key = blob_key(content.digest);
             self.key(&key)?;
             let blob = folder.join(key);
@@ -86,63 +63,45 @@ impl Store {
             staged.rename(&blob)?;
             sync_folder(parent)?;
         }
-        Ok(content)
+        Ok(Some(content))
     }
 
-    /// Sends a blob to a bucket. Returns false, and stores nothing, if the source does not hold `content`.
-    fn send(&self, content: Fingerprint, source: Source) -> Result<bool> {
-        let key = blob_key(content.digest);
+    /// Sends a blob to a bucket. Returns false, and stores nothing, if the object `key` of `from` does not hold `content`.
+    fn send(&self, content: Fingerprint, from: &Self, key: &str) -> Result<bool> {
+        let blob = blob_key(content.digest);
         if content.size <= PART as u64 {
-            let mut bytes = Vec::new();
-            source(&mut |piece| {
-                bytes.extend_from_slice(&piece);
-                Ok(())
-            })?;
-            let is_same = Digest::of(&bytes) == content.digest;
-            return if is_same { self.put(&key, bytes).map(|()| true) } else { Ok(false) };
+            let found = from.read_start(key, content.size + 1)?.map(|(bytes, _)| bytes);
+            let intact = found.filter(|bytes| Digest::of(bytes) == content.digest);
+            return intact.map_or(Ok(false), |bytes| self.put(&blob, bytes).map(|()| true));
         }
-        let upload = self.wait(self.objects.put_multipart(&self.key(&key)?));
-        let mut upload = upload.map_err(self.error("write", &key))?;
-        let sent = self.send_parts(upload.as_mut(), &key, source);
-        if matches!(sent, Ok(found) if found == content) {
-            self.wait(upload.complete()).map_err(self.error("write", &key))?;
+        let upload = self.wait(self.objects.put_multipart(&self.key(&blob)?));
+        let mut upload = upload.map_err(self.error("write", &blob))?;
+        let mut buffer = Vec::new();
+        let sent = from.fetch(key, &mut |piece| {
+            buffer.extend_from_slice(&piece);
+            if buffer.len() < PARALLEL_PARTS * PART {
+                return Ok(());
+            }
+            let rest = buffer.split_off(PARALLEL_PARTS * PART);
+            self.send_parts(upload.as_mut(), &blob, std::mem::replace(&mut buffer, rest))
+        });
+        let sent = sent.and_then(|sent| self.send_parts(upload.as_mut(), &blob, buffer).map(|()| sent));
+        if matches!(sent, Ok(found) if found == Some(content)) {
+            self.wait(upload.complete()).map_err(self.error("write", &blob))?;
             return Ok(true);
         }
-        let aborted = self.wait(upload.abort()).map_err(self.error("abort the upload of", &key));
+        let aborted = self.wait(upload.abort()).map_err(self.error("abort the upload of", &blob));
         // The first error is the one to report.
         sent.and(aborted).map(|()| false)
     }
 
-    /// Sends a content in equal parts and returns its fingerprint.
-    fn send_parts(&self, upload: &mut dyn MultipartUpload, key: &str, source: Source) -> Result<Fingerprint> {
-        let mut pending = FuturesUnordered::<UploadPart>::new();
-        let wait_for_all_but = |pending: &mut FuturesUnordered<UploadPart>, count: usize| -> Result<()> {
-            while pending.len() > count
-                && let Some(sent) = self.wait(pending.next())
-            {
-                sent.map_err(self.error("write", key))?;
-            }
-            Ok(())
-        };
-        let ((), content) = hash_in_background(|hash| {
-            let mut part = Vec::with_capacity(PART);
-            source(&mut |mut piece| {
-                hash(piece.clone());
-                while part.len() + piece.len() >= PART {
-                    part.extend_from_slice(&piece.split_to(PART - part.len()));
-                    wait_for_all_but(&mut pending, PARALLEL_PARTS - 1)?;
-                    let full = std::mem::replace(&mut part, Vec::with_capacity(PART));
-                    pending.push(upload.put_part(full.into()));
-                }
-                part.extend_from_slice(&piece);
-                Ok(())
-            })?;
-            if !part.is_empty() {
-                pending.push(upload.put_part(part.into()));
-            }
-            wait_for_all_but(&mut pending, 0)
-        })?;
-        Ok(content)
+    /// Sends these bytes in equal parts, in parallel.
+    fn send_parts(&self, upload: &mut dyn MultipartUpload, key: &str, bytes: Vec<u8>) -> Result<()> {
+        let bytes = Bytes::from(bytes);
+        let starts = (0..bytes.len()).step_by(PART);
+        let parts =
+            starts.map(|start| upload.put_part(bytes.slice(start..bytes.len().min(start + PART)).into()));
+        self.wait(try_join_all(parts)).map_err(self.error("write", key)).map(drop)
     }
 }
 
@@ -160,17 +119,15 @@ mod tests {
             let store = place.store();
             for size in [0, 1, PART, PART + 1, 2 * PART] {
                 let data = bytes(size);
-                let source = place.path("source");
-                fs::write(&source, &data).unwrap();
-                let content =
-                    store.upload(&|sink| read_file(&source, sink), &mut |_| Ok(false)).unwrap().unwrap();
-                assert_eq!(content, Fingerprint::of(&data[..]).unwrap());
+                fs::write(place.path("source"), &data).unwrap();
+                let content = store.upload(&place.outside(), "source", &mut |_| Ok(false)).unwrap();
+                assert_eq!(content, Fingerprint::of([&data]));
                 let mut back = Vec::new();
                 let sink = &mut |piece: Bytes| {
                     back.extend_from_slice(&piece);
                     Ok(())
                 };
-                assert_eq!(store.read_blob(content.digest, sink).unwrap(), Some(content));
+                assert_eq!(store.fetch(&blob_key(content.digest), sink).unwrap(), Some(content));
                 assert!(back == data, "{size}");
             }
         }
@@ -180,15 +137,14 @@ mod tests {
     fn kept_blobs_are_not_written_and_no_temporary_file_stays() {
         for place in Place::all() {
             let store = place.store();
-            let source = place.path("source");
-            fs::write(&source, "abc").unwrap();
-            let upload = |path: &Path, kept| store.upload(&|sink| read_file(path, sink), &mut |_| Ok(kept));
-            let content = upload(&source, true).unwrap().unwrap();
+            fs::write(place.path("source"), "abc").unwrap();
+            let upload = |key, kept| store.upload(&place.outside(), key, &mut |_| Ok(kept));
+            let content = upload("source", true).unwrap();
             assert_eq!(store.inspect(&blob_key(content.digest)).unwrap(), None);
-            assert_eq!(upload(&source, false).unwrap(), Some(content));
+            assert_eq!(upload("source", false).unwrap(), content);
             assert_eq!(store.inspect(&blob_key(content.digest)).unwrap(), Some(content));
-            assert!(upload(&place.path("missing"), false).is_err());
-            if let Some(folder) = store.folder() {
+            assert!(upload("missing", false).is_err());
+            if let Some(folder) = store.folder.as_deref() {
                 let beside: Vec<_> = fs::read_dir(folder.join(BLOBS)).unwrap().collect();
                 assert_eq!(beside.len(), 1, "{beside:?}");
             }
@@ -200,13 +156,12 @@ mod tests {
         let [_, place] = Place::all();
         let store = place.store();
         for size in [10, PART + 10] {
-            let content = Fingerprint::of(&bytes(size)[..]).unwrap();
+            let content = Fingerprint::of([bytes(size)]);
             let mut changed = bytes(size);
             changed[size - 1] ^= 1;
             for changed in [changed, bytes(size + 1)] {
                 fs::write(place.path("source"), changed).unwrap();
-                let path = place.path("source");
-                assert!(!store.send(content, &|sink| read_file(&path, sink)).unwrap());
+                assert!(!store.send(content, &place.outside(), "source").unwrap());
                 assert_eq!(store.inspect(&blob_key(content.digest)).unwrap(), None);
             }
         }

@@ -95,7 +95,7 @@ fn set(
 
 /// Prints an event of an alias.
 fn show(event: &Event) {
-    let version = event.target().map_or("no version".into(), |target| format!("version {}", target.version));
+    let version = event.target.map_or("no version".into(), |target| format!("version {}", target.version));
     out!("{:>5}  {version}{}", event.number, describe(&event.note));
 }
 

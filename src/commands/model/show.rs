@@ -92,7 +92,7 @@ fn print(shown: &Shown) {
             }
             (None, Some(_)) => "evaluation".to_owned(),
             (None, None) => {
-                let kind = event.attached().map_or("", |attached| &attached.media_type);
+                let kind = event.attached.as_ref().map_or("", |attached| &attached.media_type);
                 format!("of unknown type {}", printable(kind))
             }
         };

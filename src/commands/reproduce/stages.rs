@@ -126,7 +126,7 @@ impl<'a> Stages<'a> {
 
     /// Publishes the networks in a registry of the experiment, and pulls them for use.
     pub(crate) fn publish_networks(&self, networks: &Networks) -> Result<PublishedNetworks> {
-        let location = Location::from(&self.out.join("registry"));
+        let location = Location::from(self.out.join("registry").as_path());
         let registry = Registry::init(&location)?;
         let mut versions = BTreeMap::new();
         for (name, (_, trained)) in networks {
