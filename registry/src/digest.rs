@@ -74,7 +74,7 @@ pub(crate) struct Fingerprint {
 }
 
 impl Fingerprint {
-    /// Computes the fingerprint of a content that comes in pieces.
+    /// Computes the fingerprint of content that arrives in pieces.
     pub(crate) fn of(pieces: impl IntoIterator<Item: AsRef<[u8]>>) -> Self {
         let (mut state, mut size) = (Sha256::new(), 0);
         for piece in pieces {

@@ -40,7 +40,7 @@ pub struct Garbage {
 impl Registry {
     /// Finds everything that nothing needs and that is older than `grace`, sorted by key. Changes nothing.
     ///
-    /// Fails if a pointer, manifest or event is damaged: then nobody knows what it named.
+    /// Fails if a pointer, manifest or event is damaged, because the blobs that it names are unknown.
     pub fn garbage(&self, now: SystemTime, grace: Duration) -> Result<Vec<Garbage>> {
         // Blobs before references: what is published in between is not among the blobs yet.
         let blobs = self.store.walk(BLOBS)?.checked()?;
@@ -93,7 +93,7 @@ pub(crate) struct References {
 }
 
 impl References {
-    /// Reads the objects that have appeared. Returns all objects of models. Fails if one is damaged: what it named is unknown.
+    /// Reads the objects that have appeared. Returns all objects of models. Fails if one is damaged.
     pub(crate) fn update(&mut self, store: &Store) -> Result<Listing> {
         let models = store.walk(MODELS)?.checked()?;
         for Object { key, .. } in &models.objects {

@@ -103,7 +103,7 @@ impl Registry {
         Ok(None)
     }
 
-    /// Stores `blobs`, which lie in the store `from` under the keys that `locate` returns, and verifies them.
+    /// Copies `blobs` from the store `from`, where `locate` gives their keys, and verifies them.
     pub(crate) fn transfer<'a>(
         &self,
         from: &Store,
@@ -127,7 +127,7 @@ impl Registry {
 
     /// Stores the object `key` of the store `from` as a blob. An existing blob need not be written if it is intact, and named, so
     /// that it cannot be deleted as garbage before the new manifest names it. Writing a small blob is faster than checking that.
-    /// `references` are read when a large existing blob is met.
+    /// `references` are read when a large blob exists already.
     fn keep(&self, from: &Store, key: &str, references: &mut References) -> Result<Fingerprint> {
         self.store.upload(from, key, &mut |content| {
             if content.size <= SMALL || self.store.inspect(&blob_key(content.digest))? != Some(content) {

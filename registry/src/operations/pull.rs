@@ -68,7 +68,7 @@ impl Registry {
     }
 }
 
-/// Returns whether there is something at `path`, be it a broken link.
+/// Returns whether `path` exists. A broken symbolic link counts as existing.
 fn exists(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok()
 }

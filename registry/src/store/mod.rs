@@ -98,7 +98,7 @@ impl Listing {
     }
 }
 
-/// Receives the pieces of a content.
+/// Receives the content of an object in pieces.
 pub(crate) type Sink<'a> = &'a mut dyn FnMut(Bytes) -> Result<()>;
 
 /// A store in which each object is written once.

@@ -42,7 +42,7 @@ impl Store {
         Err(Error::refused(&place, "changed while it was read; try again when it is complete"))
     }
 
-    /// Copies a content into the store in `folder`. Returns `None` if there is no such object.
+    /// Copies an object into the store in `folder`, while hashing it. Returns `None` if there is no such object.
     fn copy(&self, from: &Self, key: &str, folder: &Path, is_kept: IsKept) -> Result<Option<Fingerprint>> {
         self.key(BLOBS)?;
         let blobs = folder.join(BLOBS);
